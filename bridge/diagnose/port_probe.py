@@ -6,10 +6,10 @@ import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
-from bridge.diagnose.protocol_guess import Candidate, Guess, booted_by, guesses
+from bridge.diagnose.protocol_guess import Candidate, Guess, guesses
 from bridge.diagnose.serial_ports import Found
 from bridge.reasons.catalogue import english
-from bridge.transport import address, host_time, serial_errors
+from bridge.transport import address, serial_errors
 from bridge.transport.errors import DeviceLost, DeviceUnavailable
 from bridge.transport.transport import Chunk, Transport
 
@@ -50,7 +50,6 @@ def examine(found: Found, tried: Sequence[Candidate], speeds: Sequence[int], sec
     is_serial = "://" not in found.port
     if is_serial and (said := serial_errors.fault(found.port)) is not None:
         return Verdict(found, None, 0, english(said))
-    opened_ns = host_time.now_ns()
     heard: dict[int, list[Chunk]] = {}
     try:
         for baud in speeds if is_serial else speeds[:1]:
@@ -59,8 +58,7 @@ def examine(found: Found, tried: Sequence[Candidate], speeds: Sequence[int], sec
             every = guesses(tried, heard[baud])
             made = [guess for guess in every if guess.understood]
             if made:
-                words = _advice(made, opened_ns, heard[baud][0].receive_time_ns, is_serial=is_serial)
-                return Verdict(found, made[0], baud if is_serial else 0, words)
+                return Verdict(found, made[0], baud if is_serial else 0, _advice(made))
             for guess in every:
                 if guess.lacking is not None:
                     words = f"data of {guess.candidate}, without a rate: {english(guess.lacking)}"
@@ -87,18 +85,11 @@ def _listen(transport: Transport, seconds: float) -> list[Chunk]:
     return chunks
 
 
-def _advice(made: Sequence[Guess], opened_ns: int, first_ns: int, *, is_serial: bool) -> str:
+def _advice(made: Sequence[Guess]) -> str:
+    """Other drivers that understand nearly as much as the best one; empty if there are none."""
     best, *others = made
-    words = []
     alike = [str(guess.candidate) for guess in others if guess.share > best.share - _ALIKE]
-    if alike:
-        words.append(f"other matches: {', '.join(alike)}; choose by the device's model")
-    if is_serial and booted_by(best, opened_ns, first_ns):
-        words.append(
-            "opening the port probably restarted the device, so each start of the bridge may cost a calibration; "
-            "configs/udev/99-truerate.rules prevents this for many boards"
-        )
-    return "; ".join(words)
+    return f"other matches: {', '.join(alike)}; choose by the device's model" if alike else ""
 
 
 def _puzzled(heard: dict[int, list[Chunk]], *, is_serial: bool) -> str:

@@ -15,7 +15,6 @@ from bridge.transport.transport import Chunk
 _FEWEST = 5  # samples; with fewer, a short checksum may match by chance
 _SHARE = 0.5  # of samples and faults together
 _PLAUSIBLE = 100.0  # rad/s
-_BOOT_S = 0.5  # s; tolerance of a device's clock in recognising a boot caused by opening
 _PORT = "scan"
 
 
@@ -42,7 +41,6 @@ class Guess:
     """Result of decoding the bytes of a port by one candidate: numbers of samples and faults, and identity.
 
     rate_hz: measured by the host, else as the device reports; 0 if unknown.
-    young_s: the device's clock at its first sample, in s; None without a clock.
     lacking: what the driver says of data that it recognises but that carry no sample.
     """
 
@@ -51,7 +49,6 @@ class Guess:
     faults: int
     identity: Identity | None
     rate_hz: float
-    young_s: float | None
     lacking: Sentence | None = None
 
     @property
@@ -82,14 +79,6 @@ def guesses(tried: Iterable[Candidate], chunks: Sequence[Chunk]) -> list[Guess]:
     return sorted(made, key=lambda guess: (guess.understood, round(guess.share, 2), guess.samples), reverse=True)
 
 
-def booted_by(guess: Guess, opened_ns: int, first_ns: int) -> bool:
-    """Whether the device seems to have booted because its port was opened: its clock is no older than the opening.
-
-    opened_ns, first_ns: host times of the opening and of the first bytes, ns.
-    """
-    return guess.young_s is not None and guess.young_s <= (first_ns - opened_ns) * 1e-9 + _BOOT_S
-
-
 def _options(kind: DriverKind, table: dict[str, Any]) -> Any:
     try:
         return options({"port": _PORT, **table}, kind.options)
@@ -118,7 +107,6 @@ def _try(candidate: Candidate, chunks: Sequence[Chunk]) -> Guess | None:
         faults=faults + sum(isinstance(event, Readings) for event in events) - len(readings),
         identity=identity,
         rate_hz=_rate_hz(readings) or (identity.rate_hz if identity else 0.0),
-        young_s=_young_s(identity, readings),
         lacking=next((event.said for event in events if isinstance(event, Notice) and event.name == OUTPUT), None),
     )
 
@@ -133,9 +121,3 @@ def _rate_hz(readings: Sequence[Readings]) -> float:
         return 0.0
     passed_s = (readings[-1].receive_time_ns - readings[0].receive_time_ns) * 1e-9
     return sum(len(event.ticks) for event in readings[1:]) / passed_s if passed_s > 0.5 else 0.0
-
-
-def _young_s(identity: Identity | None, readings: Sequence[Readings]) -> float | None:
-    if identity is None or not identity.has_clock or not readings:
-        return None
-    return float(readings[0].ticks[0]) * identity.tick_period_s

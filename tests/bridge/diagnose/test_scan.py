@@ -56,13 +56,6 @@ def test_the_right_speed_is_found(tmp_path: Path) -> None:
         assert "a speed other than 9600 (try --baud), or a protocol that needs its own driver" in wrong.words
 
 
-def test_what_booted_with_the_opening_is_said(tmp_path: Path) -> None:
-    with talking(tmp_path / "port", lines(first=1000, n=3000)) as young:
-        assert "opening the port probably restarted the device" in scan(young.link).words
-    with talking(tmp_path / "port", lines(first=90_000_000, n=3000)) as old:
-        assert scan(old.link).words == ""
-
-
 def test_nothing_and_nonsense_have_their_own_words(tmp_path: Path) -> None:
     with talking(tmp_path / "port", b"") as silent:
         assert "no data at 115200, 57600: switch the device on" in scan(silent.link, 0.1).words
