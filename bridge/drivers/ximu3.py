@@ -2,7 +2,6 @@
 
 from collections import deque
 from math import radians
-from typing import NamedTuple
 
 from bridge.drivers.byte_stream import StreamOptions, stream_kind
 from bridge.drivers.driver import Battery, Event, Notice
@@ -16,16 +15,10 @@ from bridge.wire.refusal import Tally
 
 _G = 9.80665
 _GYRO_RANGE = radians(2000.0)
+UNSETTLED = "samples_before_settled"
 _MODEL = "x-IMU3"
 _REMEMBERED = 3  # messages of each kind, shown to people
-_PATIENCE_S, _MOST_HELD = 1.0, 1024  # seconds, and samples, to wait for the device's identity
-_SEEN = 0.1  # relative tolerance for recognising a new sample period
-
-
-class _Held(NamedTuple):
-    sample: Inertial
-    temperature_c: float | None
-    receive_time_ns: int
+_PATIENCE_NS = 1_000_000_000  # to wait for the device's answers
 
 
 class Ximu3Options(StreamOptions, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -50,32 +43,33 @@ class Ximu3Options(StreamOptions, frozen=True, forbid_unknown_fields=True, kw_on
 class Ximu3Decoder:
     """Decoder of the x-IMU3; queries the identity, turns the on-board bias correction off and sets the rate.
 
-    Samples are decoded even if the device answers none of it.
+    Samples are dropped and counted until it has answered, for a second at most; without options, and on a file, the
+    decoder only listens.
     """
 
     def __init__(self, options: Ximu3Options | None = None) -> None:
         self.faults = Tally()
-        self._settings = Settings(
-            options.rate_hz if options else None, writes=options is None or not options.keep_settings
-        )
+        self._asks = options is not None and not options.port.startswith("file://")
+        writes = options is not None and self._asks and not options.keep_settings
+        self._settings = Settings(options.rate_hz if options else None, writes=writes)
         self._lines = Lines(LONGEST)
         self._assembly = SampleAssembler(self.faults, self._about(), 1e-6)
         self._said = {error: deque[str](maxlen=_REMEMBERED) for error in (False, True)}
         self._temperature_c: float | None = None
-        self._time_us = 0  # device time of the latest sample
         self._boot = 0
-        self._fresh = True  # no sample since the port was opened
-        self._held: list[_Held] = []  # samples held until the device's identity is known
-        self._patient_until_ns = 0
+        self.opened()
 
     def opened(self) -> None:
         """Reset for a newly opened port, and query the device anew."""
-        self._release()
         self._lines.opened()
         self._assembly.opened()
-        self._settings.ask()
+        self._ask()
         self._temperature_c = None
-        self._fresh = True
+        self._first_ns = 0  # arrival of the first sample since the port was opened
+
+    def _ask(self) -> None:
+        if self._asks:
+            self._settings.ask()
 
     def feed(self, data: bytes, receive_time_ns: int) -> list[Event]:
         """Return the events that these bytes complete, in order. receive_time_ns: host time of the last byte."""
@@ -89,13 +83,13 @@ class Ximu3Decoder:
             if message is not None:
                 events += self._took(message, receive_time_ns)
         events += self._settings.passed(receive_time_ns)
-        if not self._waits(receive_time_ns):
-            self._release()
-        return events + self._assembled()
+        if self._boot not in (0, self._assembly.boot):
+            self._ask()  # unsaved settings are lost in a reboot
+        self._boot = self._assembly.boot
+        return events + self._assembly.events()
 
     def finish(self) -> list[Event]:
         """Return the events of the samples still held, at the end of the stream, even if the rate is unknown."""
-        self._release()
         return self._assembly.finish()
 
     def to_send(self) -> bytes:
@@ -124,47 +118,25 @@ class Ximu3Decoder:
         return []
 
     def _sample(self, sample: Inertial, receive_time_ns: int) -> None:
-        if self._fresh and self._settings.key is not None:
-            self._settings.ask()  # questions sent before the device's first data may have been lost
-        self._fresh = False
-        taken = _Held(sample, self._temperature_c, receive_time_ns)
-        if self._held or self._waits(receive_time_ns):
-            self._held.append(taken)
-        else:
-            self._add(*taken)
-
-    def _release(self) -> None:
-        held, self._held = self._held, []
-        for taken in held:
-            self._add(*taken)
-
-    def _add(self, sample: Inertial, temperature_c: float | None, receive_time_ns: int) -> None:
-        coming_us = self._settings.coming_us
-        if coming_us is not None and abs((sample.time_us - self._time_us) / coming_us - 1) < _SEEN:
-            self._settings.coming_us = None
-            self._assembly.paced(1e6 / coming_us)
-        self._time_us = sample.time_us
+        if not self._first_ns:
+            self._first_ns = receive_time_ns
+            if self._settings.key is not None:
+                self._ask()  # questions sent before the device's first data may have been lost
+        if self._waits(receive_time_ns):
+            self.faults.add(UNSETTLED)
+            return
         self._assembly.add(
             sample.time_us,
             _scaled(sample.gyro_dps, radians(1.0)),
             _scaled(sample.accel_g, _G),
-            temperature_c,
+            self._temperature_c,
             receive_time_ns=receive_time_ns,
         )
 
     def _waits(self, now_ns: int) -> bool:
-        """Whether to hold samples until the device is identified; a stored calibration is looked up by the name."""
-        if self._boot or self._settings.key is None or len(self._held) >= _MOST_HELD:
-            return False
-        if not self._held:
-            self._patient_until_ns = now_ns + round(_PATIENCE_S * 1e9)
-        return now_ns < self._patient_until_ns
-
-    def _assembled(self) -> list[Event]:
-        if self._boot not in (0, self._assembly.boot):
-            self._settings.ask()  # unsaved settings are lost in a reboot
-        self._boot = self._assembly.boot
-        return self._assembly.events()
+        """Whether the device is not identified and set yet; a stored calibration is looked up by the name."""
+        waits = not self._boot and self._settings.key is not None
+        return waits and now_ns - self._first_ns < _PATIENCE_NS
 
     def _about(self) -> DeviceDescription:
         settings = self._settings

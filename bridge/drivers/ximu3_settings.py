@@ -5,6 +5,7 @@ saves its settings when it is switched off.
 """
 
 import json
+from collections import Counter
 from typing import Any
 
 from bridge.drivers.driver import Notice
@@ -27,29 +28,38 @@ class Settings(RequestQueue):
 
     chosen_hz: output data rate to set, None to leave it. writes: whether settings may be changed.
     name, serial, firmware, hardware: empty until answered.
-    coming_us: sample period, µs, that was set but not yet seen in the samples; None otherwise.
     """
 
     def __init__(self, chosen_hz: float | None, *, writes: bool) -> None:
         self.name = self.serial = self.firmware = self.hardware = ""
         self._divisor = None if chosen_hz is None else divisor_of(chosen_hz)
         self._may_write = writes
+        self._written = Counter[str]()  # since the queries began
+        self._unapplied = False
         super().__init__(_AGAIN_S, _TIMES, self._unanswered)
-        self.ask()
 
     def ask(self) -> None:
         """Start all queries anew: the device was opened, or has booted."""
         self.clear()
         for key in _ASKED:
             self.add(plain(key), _command(key, None))
-        self._written = {CORRECTION: 0, DIVISOR: 0}
-        self.coming_us: float | None = None
+        self._written.clear()
 
     def took(self, reply: Reply) -> list[Notice]:
-        """Handle the device's answer to a query or setting; return the notices that follow from it."""
+        """Handle the device's answer to a query or setting; return the notices that follow from it.
+
+        Settings take effect together, once all queries are answered.
+        """
         asked = reply.key == self.key
         if asked:
             self.answered()
+        notices = self._understood(reply, asked=asked)
+        if self._unapplied and self.key is None:
+            self._unapplied = False
+            self.add("apply", _command("apply", None))
+        return notices
+
+    def _understood(self, reply: Reply, *, asked: bool) -> list[Notice]:
         value = reply.value
         if reply.key == plain(CORRECTION):
             return self._corrects(value, asked=asked)
@@ -74,18 +84,16 @@ class Settings(RequestQueue):
         return _notice(Code.CORRECTS_ITSELF())
 
     def _divides(self, value: object) -> None:
-        wanted = self._divisor
-        if wanted is None or wanted == value:
-            return
-        refused = type(value) is not int
-        self.coming_us = None if refused or not self._write(DIVISOR, value=wanted) else 1e6 * wanted / SAMPLES_HZ
+        if self._divisor not in (None, value) and type(value) is int:
+            self._write(DIVISOR, value=self._divisor)
 
     def _write(self, key: str, *, value: object) -> bool:
         """Queue a setting; False if writing is not allowed, or was tried often enough."""
         if not self._may_write or self._written[key] == _WRITES:
             return False
         self._written[key] += 1
-        self.add(plain(key), _command(key, value), _command("apply", None))
+        self.add(plain(key), _command(key, value))
+        self._unapplied = True
         return True
 
     def _unanswered(self) -> list[Notice]:
