@@ -1,7 +1,7 @@
 """Device addresses: a serial port by its path, any other transport as `scheme://...`."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from bridge.toml.loader import nearest
 from bridge.transport import ble_port, file_port, serial_errors, tcp_port, udp_port
@@ -12,16 +12,14 @@ from bridge.transport.transport import Transport
 from bridge.transport.udp_port import UdpPort
 
 
-@dataclass(frozen=True, slots=True)
-class Scheme:
+class Scheme(NamedTuple):
     """One kind of transport, chosen by the scheme of a device's address, such as `tcp`.
 
-    example: an address for people. make(address, baud): the transport. state(address): its state in a few words,
-    without opening. address: the part behind `scheme://`.
+    make(address, baud): the transport. state(address): its state in a few words, without opening. address: the part
+    behind `scheme://`.
     make and state raise ValueError with what is expected if the address is invalid.
     """
 
-    example: str
     make: Callable[[str, int], Transport]
     state: Callable[[str], str]
 
@@ -32,12 +30,12 @@ def _serial_port(port: str, baud: int) -> Transport:
     return SerialPort(port, baud)
 
 
-_SERIAL = Scheme("/dev/serial/by-id/usb-...", _serial_port, serial_errors.state)
+_SERIAL = Scheme(_serial_port, serial_errors.state)
 SCHEMES: dict[str, Scheme] = {
-    "tcp": Scheme(tcp_port.EXAMPLE, TcpPort, tcp_port.state),
-    "udp": Scheme(udp_port.EXAMPLE, UdpPort, udp_port.state),
-    "file": Scheme(file_port.EXAMPLE, FilePort, file_port.state),
-    "ble": Scheme(ble_port.EXAMPLE, BlePort, ble_port.state),
+    "tcp": Scheme(TcpPort, tcp_port.state),
+    "udp": Scheme(UdpPort, udp_port.state),
+    "file": Scheme(FilePort, file_port.state),
+    "ble": Scheme(BlePort, ble_port.state),
 }
 
 

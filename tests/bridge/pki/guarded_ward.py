@@ -1,6 +1,7 @@
 """A ward behind a router that asks for certificates: an authority, its members, and `truerate router` as a process."""
 
 import contextlib
+import json
 import socket
 import subprocess
 import sys
@@ -8,7 +9,9 @@ import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from bridge.bus import router_file
+import zenoh
+
+from bridge.bus import router_file, zenoh_settings
 from bridge.bus.routers import Routers
 from bridge.bus.zenoh_bus import ZenohBus
 from bridge.pki.certificate_checks import Identity
@@ -88,6 +91,15 @@ def running_router(file: Path, endpoint: str) -> Iterator[None]:
         except subprocess.TimeoutExpired:
             process.kill()
             process.communicate()
+
+
+def connects(settings: zenoh_settings.Settings) -> bool:
+    """Whether zenoh itself gets a session: our own door, which would not even try, is left out."""
+    try:
+        with zenoh.open(zenoh.Config.from_json5(json.dumps(settings))) as opened:
+            return bool(opened.info.routers_zid())
+    except zenoh.ZError:
+        return False
 
 
 def stranger(ward: GuardedWard, ca: str, certificate: bytes, key: bytes, name: str) -> Identity:

@@ -1,13 +1,11 @@
 """Who has no business on a ward gets no session; a real router, and real certificates, wrong in one thing each."""
 
-import json
 from collections.abc import Callable, Iterator
 from datetime import timedelta
 from pathlib import Path
 from typing import Any
 
 import pytest
-import zenoh
 from cryptography.x509.oid import ExtendedKeyUsageOID as Usage
 
 from bridge.bus import zenoh_settings
@@ -17,7 +15,7 @@ from bridge.pki.certificate_checks import Identity
 from bridge.pki.folder import utc_now
 from bridge.pki.member import Member
 from bridge.wire import keys
-from tests.bridge.pki.guarded_ward import MEMBERS, WARD, GuardedWard, stranger
+from tests.bridge.pki.guarded_ward import MEMBERS, WARD, GuardedWard, connects, stranger
 
 pytestmark = [pytest.mark.ward, pytest.mark.xdist_group("guarded ward: bad_identities")]
 
@@ -39,15 +37,6 @@ def ward(tmp_path_factory: pytest.TempPathFactory) -> Iterator[GuardedWard]:
 
 def session(endpoint: str, identity: Identity | None) -> zenoh_settings.Settings:
     return zenoh_settings.client([endpoint], identity)
-
-
-def connects(settings: zenoh_settings.Settings) -> bool:
-    """Whether zenoh itself gets a session: our own door, which would not even try, is left out."""
-    try:
-        with zenoh.open(zenoh.Config.from_json5(json.dumps(settings))) as opened:
-            return bool(opened.info.routers_zid())
-    except zenoh.ZError:
-        return False
 
 
 def made(ward: GuardedWard, name: str, pair: Pair) -> Identity:

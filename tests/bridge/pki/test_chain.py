@@ -2,14 +2,12 @@
 
 import base64
 import ipaddress
-import json
 from collections.abc import Callable, Iterator
 from datetime import timedelta
 from pathlib import Path
 from typing import Any
 
 import pytest
-import zenoh
 from cryptography import x509
 from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import ec, ed25519, rsa
@@ -21,7 +19,7 @@ from bridge.pki.certificate_checks import Identity, faults
 from bridge.pki.folder import utc_now
 from bridge.pki.member import Member, Role
 from estimator.demo.ward import free_port
-from tests.bridge.pki.guarded_ward import running_router
+from tests.bridge.pki.guarded_ward import connects, running_router
 
 pytestmark = [pytest.mark.ward, pytest.mark.xdist_group("guarded ward: chain")]
 
@@ -107,15 +105,6 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
         yield made
 
 
-def connects(endpoint: str, identity: Identity) -> bool:
-    try:
-        settings = zenoh_settings.client([endpoint], identity)
-        with zenoh.open(zenoh.Config.from_json5(json.dumps(settings))) as opened:
-            return bool(opened.info.routers_zid())
-    except zenoh.ZError:
-        return False
-
-
 def b1(by: Made = ROOT, **more: Any) -> Made:
     return Made("bridge:b1", by, **more)
 
@@ -155,7 +144,7 @@ def test_what_is_said_of_files_is_what_a_router_makes_of_them(case: str, site: S
     make, words = CASES[case]
     identity = make(site)
     found = faults(identity, utc_now())
-    assert connects(site.endpoint, identity) is (not words)
+    assert connects(zenoh_settings.client([site.endpoint], identity)) is (not words)
     assert bool(found) is bool(words), found
     assert not words or any(words in said for said in found), found
 

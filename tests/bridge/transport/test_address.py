@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from bridge.drivers.byte_stream import StreamOptions
-from bridge.transport import address
+from bridge.transport import address, ble_port, file_port, tcp_port, udp_port
 from bridge.transport.errors import DeviceLost, DeviceUnavailable
 from bridge.transport.file_port import FilePort
 
@@ -42,7 +42,7 @@ def test_an_address_that_is_none_says_what_one_is(port: str, said: str) -> None:
 @pytest.mark.parametrize(
     "port",
     [
-        *(scheme.example for scheme in address.SCHEMES.values()),
+        *(kind.EXAMPLE for kind in (tcp_port, udp_port, file_port, ble_port)),
         "tcp://wrist-1.local:8000",
         "tcp://[fe80::1%eth0]:8000",
         "udp://[::]:8000?from=[fe80::1]",
