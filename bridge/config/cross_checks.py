@@ -73,19 +73,16 @@ def _of_router(router: RouterFile, now: datetime) -> Iterator[str]:
 
 def _of_ward(root: Root, now: datetime) -> Iterator[str]:
     yield from (f"[router]: listen: {words}" for words in open_to_others(root.router.listen))
-    tables: dict[Role, Any] = {Role.BRIDGE: root.bridge, Role.ESTIMATOR: root.estimator}
+    tables = {Role.BRIDGE: root.bridge, Role.ESTIMATOR: root.estimator}
+    roles = set(tables) if root.bus.pki else set[Role]()
     for identity in _identities(root):
         wrong = identity_faults(identity, now, tuple(role for role in Role if not role.serves))
         yield from (f"[bus]: {words}" for words in wrong)
-        if root.bus.pki or (member := _member(identity)) is None or member.role not in tables:
-            continue
-        # The file may have further tables beside the certificate's role, but the id of that role must match.
-        table = tables[member.role]
-        if table is None or table.id != member.name:
-            there = f"its id is {table.id!r}" if table is not None else "there is no such table"
-            yield f"[bus]: the certificate is for {member.label}; [{member.role.value}]: {there}"
-    for role, table in tables.items() if root.bus.pki else ():
-        if table is not None:
+        if (member := _member(identity)) is not None:
+            roles.add(member.role)
+    # With one certificate, the file may have further tables beside that of the certificate's role.
+    for role, table in tables.items():
+        if table is not None and role in roles:
             try:
                 root.bus.routers_as(role, name=table.id)
             except ConfigError as error:

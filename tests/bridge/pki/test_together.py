@@ -142,7 +142,7 @@ def own_for_authority(files: Files) -> None:
 @pytest.mark.parametrize(
     ("wrong", "words"),
     [
-        (another_bridge, "the certificate is for bridge:b2; [bridge]: its id is 'b1'"),
+        (another_bridge, "is for bridge:b2, but this program needs a certificate for bridge:b1"),
         (a_viewers, "for router:r, but this program is a"),
         (another_port, "no router listens at tls/127.0.0.1:7448; use tls/0.0.0.0:7447"),
         (one_device_twice, "device 'd1' of ward 'w' is in"),
