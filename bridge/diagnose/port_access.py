@@ -1,6 +1,5 @@
-"""Checks of serial ports: whether they can be opened, ModemManager, and devices that share a port."""
+"""Checks of serial ports: whether they can be opened, and whether ModemManager disturbs them."""
 
-import os
 from collections.abc import Collection, Sequence
 from pathlib import Path
 
@@ -52,20 +51,3 @@ def _read(path: Path) -> str:
         return path.read_text(errors="replace")
     except OSError:
         return ""
-
-
-def doubled(devices: dict[str, str]) -> list[Finding]:
-    """Check whether two configured devices, {id: port}, are on one serial port under two names."""
-    real: dict[str, list[str]] = {}
-    for device, port in devices.items():
-        if "://" not in port:
-            real.setdefault(os.path.realpath(port), []).append(device)
-    twice = {port: names for port, names in real.items() if len(names) > 1}
-    return [
-        trouble(
-            "ports",
-            f"{' and '.join(names)} are both on {port}",
-            "give each device of the ward's file a port of its own",
-        )
-        for port, names in twice.items()
-    ] or [ok("ports", "each device has its own port" if devices else "no device of the file has a port")]

@@ -81,9 +81,7 @@ def look(path: Path | None) -> Iterable[Finding]:
                 else "check the file's path"
             )
             said = [trouble("config", str(error), do)]
-    devices = _ports(ward)
-    named = (port for port in devices.values() if "://" not in port)
-    yield from port_access.usable(list(dict.fromkeys([*plugged, *named])))
+    yield from port_access.usable(list(dict.fromkeys([*plugged, *_ports(ward)])))
     yield from port_access.modem_manager()
     yield from machine.clock(machine.clock_status())
     yield _loops()
@@ -91,7 +89,6 @@ def look(path: Path | None) -> Iterable[Finding]:
     if ward is not None:
         for words in capture_files.unreadable(ward.bridge.devices if ward.bridge is not None else ()):
             yield trouble("files", words, "correct the path in the ward file, or copy the file there")
-        yield from port_access.doubled(devices)
         places = _places(ward)
         yield from machine.disk(places)
         if "recordings" in places:
@@ -193,10 +190,10 @@ def _running(ward: Ward, routers: Routers, digest: str) -> Iterable[Finding]:
         yield ok("bridges of the ward", "each device has one bridge")
 
 
-def _ports(ward: Ward | None) -> dict[str, str]:
-    """Return the port of each of a ward's devices that has one."""
+def _ports(ward: Ward | None) -> list[str]:
+    """Return the serial ports of a ward's devices."""
     devices = ward.bridge.devices if ward is not None and ward.bridge is not None else ()
-    return {device.id: port for device in devices if (port := getattr(device.options, "port", ""))}
+    return [port for device in devices if (port := getattr(device.options, "port", "")) and "://" not in port]
 
 
 def _places(ward: Ward) -> dict[str, Path]:

@@ -41,18 +41,6 @@ def test_modem_manager_is_fine_only_with_a_rule(tmp_path: Path) -> None:
     assert only(port_access.modem_manager(proc, [rules]))[0] is Level.OK
 
 
-def test_one_port_under_two_names_is_seen(tmp_path: Path) -> None:
-    port = tmp_path / "ttyUSB0"
-    port.touch()
-    (tmp_path / "by-id").symlink_to(port)
-    (tmp_path / "by-path").symlink_to(port)
-    devices = {"a": f"{tmp_path}/by-id", "b": "tcp://h:1", "c": f"{tmp_path}/by-path"}
-    level, said, _ = only(port_access.doubled(devices))
-    assert (level, said) == (Level.TROUBLE, f"a and c are both on {port}")
-    assert only(port_access.doubled({"a": str(port), "b": "tcp://h:1"}))[0] is Level.OK
-    assert only(port_access.doubled({}))[0] is Level.OK
-
-
 @pytest.mark.parametrize(
     ("code", "level"),
     [
