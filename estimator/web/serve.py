@@ -29,15 +29,11 @@ from estimator.config.dashboard import Dashboard
 from estimator.config.device_settings import Treatment, treatment
 from estimator.config.people_file import with_people
 from estimator.config.schema import Ward
-from estimator.web import device_topics, guide_topics, receipt_topic, topics, ward_topics
 from estimator.web.app import application
 from estimator.web.broadcast import Broadcast
-from estimator.web.hub import Hub
 from estimator.web.listener import CONNECTIONS, Listener, room
 from estimator.web.site import Desk
 from estimator.web.ward_state import Known
-
-__all__ = ["Server", "device_topics", "guide_topics", "receipt_topic", "run", "ward_topics"]
 
 log = logging.getLogger(__name__)
 
@@ -71,11 +67,9 @@ class Server:
         connections: int = CONNECTIONS,
         people: Path | None = None,
     ) -> None:
-        known, hub = Known(ward), Hub()
-        self.desk = Desk(known, hub, settings, store, treatment, people)
+        self.desk = Desk(Known(ward), settings, store, treatment, people)
         self._ward = ward
-        self._sources = topics.Sources(known, treatment=self.desk.treatment)
-        self._broadcast = Broadcast(hub, self._sources)
+        self._broadcast = Broadcast(self.desk)
         self.app = application(self.desk, self._broadcast)
         self._address = listening(settings.listen)
         self._settings = settings
@@ -112,8 +106,7 @@ class Server:
 
     def use(self, ward: Ward) -> None:
         """Apply the changed settings of the ward file to the running dashboard."""
-        self._sources.treatment = treatment(ward.estimator)
-        self.desk.use(ward.dashboard, self._sources.treatment)
+        self.desk.use(ward.dashboard, treatment(ward.estimator))
         self.desk.known.alert_settings = ward.alerts
 
     def stop(self) -> None:
@@ -126,9 +119,7 @@ class Server:
 
         Called in the event loop.
         """
-        commands, client = Client(ward=self._ward, bus=control), Client(ward=self._ward, bus=data)
-        self._broadcast.connect(client, commands)
-        self.desk.control, self.desk.feeds.client = commands, client
+        self._broadcast.connect(Client(ward=self._ward, bus=data), Client(ward=self._ward, bus=control))
 
 
 def _place(host: str, port: int, *, tls: bool) -> str:

@@ -29,6 +29,7 @@ from estimator.config.dashboard import Dashboard, Person
 from estimator.config.device_settings import Treatment
 from estimator.config.people_file import with_people
 from estimator.database import StoreError
+from estimator.guide.guide import Guide
 from estimator.service import history
 from estimator.service.store_reader import StoreReader
 from estimator.web import cookie
@@ -62,13 +63,12 @@ class Desk:
     def __init__(
         self,
         known: Known,
-        hub: Hub,
         settings: Dashboard,
         store: Path | None = None,
         treatment: Treatment | None = None,
         people: Path | None = None,
     ) -> None:
-        self.known, self.hub, self.settings = known, hub, settings
+        self.known, self.hub, self.settings = known, Hub(), settings
         self.treatment = treatment or Treatment()
         self.sessions = Sessions(settings.session_hours * 3600, settings.idle_minutes * 60)
         #: one-time links with which people choose their passwords
@@ -77,7 +77,8 @@ class Desk:
         self._people = people
         #: subscriptions of programs that read the stream
         self.feeds = Feeds()
-        #: client for commands, on its own bus session; None until a router is first connected
+        #: client for data, and one for commands on a bus session of its own; None until a router is first connected
+        self.client: Client | None = None
         self.control: Client | None = None
         self._attempts, self._passwords = Attempts(), Passwords(settings.people)
         self._one_at_a_time = asyncio.Lock()
@@ -167,6 +168,12 @@ class Desk:
             there = ", ".join(sorted(self.known.stories)[:20]) or "–"
             raise Fault(HTTPStatus.NOT_FOUND, "unknown_device", device=device[:64], names=there)
         return story
+
+    def guide(self, device: str) -> Guide:
+        """Make the guide of a device's calibration, with the settings of the device."""
+        story = self.known.stories.get(device)
+        knobs = self.treatment.of(device, story.info.model if story and story.info else "")
+        return Guide(knobs.method, knobs.stillness, horizontal=knobs.horizontal_turns)
 
     async def ask(self, device: str, verb: str, who: str, words: str | Placement = "") -> CommandReply:
         """Send a command to the estimator and return its reply.

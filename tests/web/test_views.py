@@ -15,11 +15,11 @@ from estimator.web import number_format as words
 from estimator.web.device_page import device_page
 from estimator.web.device_trail import POINTS, Trail
 from estimator.web.heading_drift import Heading
-from estimator.web.rate_strips import Strips
 from estimator.web.reports import past
 from estimator.web.tiles import ward_page
 from estimator.web.traces import ALONE_S, Traces
 from estimator.web.ward_state import FORGET_S, LOOKED_S, STRANGERS, Known
+from estimator.web.ward_topics import extremes
 from tests.estimator.device.test_correction import CALIBRATION
 from tests.web.talk import about, said
 
@@ -268,10 +268,10 @@ def raw(device: str, rate: float, sequence: int = 0, n: int = 5, boot: int = 1) 
 def test_strips_have_the_least_and_the_most_of_each_device() -> None:
     said_of = (("a", 1.0), ("b", 2.0), ("a", 3.0), ("stranger", 9.0))
     batches = [Rates(name, corrected(name, rate).rate) for name, rate in said_of]
-    found = Strips().take(batches, {"b": 0, "quiet": 1, "a": 2})
+    found = extremes(batches, {"b": 0, "quiet": 1, "a": 2})
     np.testing.assert_allclose(found[[0, 2]], np.degrees([[2, 2], [1, 3]]), rtol=1e-6)
     assert np.isnan(found[1]).all()
-    assert Strips().take([], {}).shape == (0, 2)
+    assert extremes([], {}).shape == (0, 2)
 
 
 def test_raw_and_corrected_are_paired_sample_by_sample() -> None:
