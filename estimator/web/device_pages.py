@@ -37,8 +37,7 @@ def routes() -> list[BaseRoute]:
 async def device(request: Request) -> Response:
     """Serve the page of one device. Raises Fault for an unknown device."""
     desk, name = Desk.of(request), request.path_params["device"]
-    desk.story(name)
-    await desk.remember(name)
+    await desk.past(request, name)
     told = desk.treatment.told(name)
     page = device_page(desk.known, name, time.monotonic(), time.time_ns(), texts(language(request)), told)
     return show(request, "device.html", {"page": page, "longest": MAX_SENTENCE, **_PLACING})

@@ -39,7 +39,7 @@ async def calibrate(request: Request) -> Response:
     """
     desk, name = Desk.of(request), request.path_params["device"]
     story = desk.story(name)
-    await desk.remember(name)
+    await desk.past(request, name)
     guide = desk.guide(name)
     if story.status is not None:
         guide.take_status(story.status)

@@ -92,7 +92,7 @@ async def calibrations(request: Request) -> Response:
     """
     asked = known_parameters(request, "before", "limit")
     desk, name = Desk.of(request), _named(request)
-    found = await desk.calibrations(request, name)
+    found = await desk.past(request, name)
     before = asked.get("before")
     if before is not None:
         ids = [calibration.id for calibration in found]
