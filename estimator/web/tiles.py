@@ -70,11 +70,11 @@ class Tile:
 class AlertLine:
     """A standing alert in words.
 
-    id: subject and kind; device: its device, empty for an estimator; seen: who acknowledged it.
+    subject: device or estimator; seen: who acknowledged it.
     """
 
-    id: str
-    device: str
+    subject: str
+    kind: str
     words: str
     since: str
     seen: str
@@ -106,7 +106,7 @@ class WardPage:
 def ward_page(known: Known, now: float, now_ns: int, t: Texts) -> WardPage:
     """Build the present content of the ward page. now: monotonic time in s; now_ns: time since the Unix epoch in ns."""
     quiet = known.alert_settings.quiet(datetime.fromtimestamp(now_ns / 1e9).astimezone())
-    alerts = [_alert(*one, known, now_ns, t) for one in known.alerts(now)]
+    alerts = [_alert(*one, now_ns, t) for one in known.alerts(now)]
     rows = known.rows(now)
     tiles = [tile(row, known.stories[row.device], now, now_ns, t) for row in rows]
     counts = [(state, TONES[state], sum(row.state == state for row in rows), word(state, t)) for state in URGENCY]
@@ -129,11 +129,11 @@ def ward_page(known: Known, now: float, now_ns: int, t: Texts) -> WardPage:
     )
 
 
-def _alert(subject: str, placement: Placement | None, alert: Alert, known: Known, now_ns: int, t: Texts) -> AlertLine:
+def _alert(subject: str, placement: Placement | None, alert: Alert, now_ns: int, t: Texts) -> AlertLine:
     where = worn(placement, t)
     return AlertLine(
-        id=f"{subject}/{alert.kind}",
-        device=subject if subject in known.stories else "",
+        subject=subject,
+        kind=alert.kind,
         words=t.text((sentence(alert.kind, f"{subject} ({where})" if where else subject),)),
         since=number_format.ago(alert.since_ns, now_ns, t),
         seen=t("alert.seen", who=alert.who) if alert.acknowledged_ns else "",

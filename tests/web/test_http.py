@@ -257,7 +257,8 @@ def test_an_alert_is_shown_and_acknowledged_by_page_and_program(asking: Asking) 
         ("arm", "lost", ""),
         ("arm", "degraded", "bo"),
     ]
-    answer = client.post("/alerts/acknowledge", data={"csrf": csrf, "id": "arm/lost"})
+    form = {"csrf": csrf, "words": "lost", "to": "/"}
+    answer = client.post("/devices/arm/acknowledge", data=form)
     assert (answer.status_code, answer.headers["location"]) == (303, "/")
     place = "/api/v1/alerts/one/acknowledge"
     assert client.post(place, headers=BEARER, json={"words": "disk"}).status_code == 200
@@ -265,8 +266,8 @@ def test_an_alert_is_shown_and_acknowledged_by_page_and_program(asking: Asking) 
         ("arm", "acknowledge", "nurse", "lost"),
         ("one", "acknowledge", "nurse", "disk"),
     ]
-    assert client.post("/alerts/acknowledge", data={"csrf": "", "id": "arm/lost"}).status_code == 403
-    assert client.post("/alerts/acknowledge", data={"csrf": csrf, "id": "A b/lost"}).status_code == 400
+    assert client.post("/devices/arm/acknowledge", data={**form, "csrf": ""}).status_code == 403
+    assert client.post("/devices/A b/acknowledge", data=form).status_code == 404
 
 
 @pytest.mark.parametrize(
