@@ -4,12 +4,12 @@ import asyncio
 import contextlib
 import logging
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 from bridge.bus.contract import BusError, Declared
-from bridge.wire.messages import BiasRevision, Calibration, DeviceInfo, Note, Owned, Status
 from bridge.wire.refusal import Tally
 from estimator.client import Client, Stream
 from estimator.web.site import Desk
@@ -39,12 +39,18 @@ class Heard:
 
     def __init__(self, known: Known, client: Client, control: Client) -> None:
         self._known, self._client = known, client
-        self._statuses: Stream[Status] = client.follow()
-        self._infos: Stream[DeviceInfo] = client.follow_infos()
-        self._calibrations: Stream[Calibration] = client.follow_calibrations()
-        self._notes: Stream[Note] = client.follow_notes()
-        self._revisions: Stream[BiasRevision] = client.revisions()
-        self._owned: Stream[Owned] = client.follow_owned()
+        #: subscriptions, each with the method that takes its messages
+        self._streams: list[tuple[Stream[Any], Callable[[Any], None]]] = [
+            (client.follow_infos(), known.take_info),
+            (client.follow_calibrations(), known.take_calibration),
+            (client.follow_notes(), known.take_note),
+            (client.revisions(), known.take_revision),
+        ]
+        #: subscriptions to messages whose time of arrival counts
+        self._timed: list[tuple[Stream[Any], Callable[[Any, float], None]]] = [
+            (client.follow(), known.take_status),
+            (client.follow_owned(), known.take_owned),
+        ]
         self._watches: list[Declared] = [
             control.watch_alive(what, partial(known.take_token, what)) for what in known.alive
         ]
@@ -52,24 +58,17 @@ class Heard:
     def hear(self, now: float) -> None:
         """Hand the messages received since the last call to the ward's state. now: monotonic time in s."""
         self._known.take_router(now, there=self._client.connected)
-        for info in self._infos.drain():
-            self._known.take_info(info)
-        for status in self._statuses.drain():
-            self._known.take_status(status, now)
-        for calibration in self._calibrations.drain():
-            self._known.take_calibration(calibration)
-        for note in self._notes.drain():
-            self._known.take_note(note)
-        for revision in self._revisions.drain():
-            self._known.take_revision(revision)
-        for owned in self._owned.drain():
-            self._known.take_owned(owned, now)
+        for stream, take in self._streams:
+            for message in stream.drain():
+                take(message)
+        for stream, take_at in self._timed:
+            for message in stream.drain():
+                take_at(message, now)
         self._known.tidy(now)
 
     def close(self) -> None:
         """Close the subscriptions and the watches on live bridges and estimators."""
-        of_devices = self._statuses, self._infos, self._calibrations, self._notes, self._revisions
-        for thing in (*self._watches, *of_devices, self._owned):
+        for thing in (*self._watches, *(stream for stream, _ in (*self._streams, *self._timed))):
             thing.close()
 
 

@@ -5,13 +5,14 @@ from math import asin, degrees, hypot
 
 import numpy as np
 
+from bridge.wire.messages import Floats
 from estimator.geometry.gyro_model import SIGMAS
 from estimator.web import number_format, topics
 from estimator.web.device_page import device_page
 from estimator.web.heading_drift import Heading, Lost
 from estimator.web.hub import Frame
 from estimator.web.site import Desk
-from estimator.web.traces import Points, Traces
+from estimator.web.traces import Traces
 from estimator.web.ward_topics import RATES_S
 
 #: interval of heading frames, s
@@ -68,13 +69,13 @@ class TraceTopic(topics.Topic):
             self._told_at = now
             yield self._headings()
 
-    def _frame(self, points: Points) -> bytes:
+    def _frame(self, points: Floats) -> bytes:
         """Binary frame: float64 (n,) host time in s, then float32 (n, 3) raw, corrected and std, °/s.
 
         n follows from the length of the frame.
         """
-        rates = np.degrees(np.concatenate([points.raw, points.corrected, points.std])).astype("<f4")
-        return topics.binary(self._topic, points.time_s.astype("<f8").tobytes() + rates.tobytes())
+        rates = np.degrees(np.concatenate([points[:, 1:4], points[:, 4:7], points[:, 7:]])).astype("<f4")
+        return topics.binary(self._topic, points[:, 0].astype("<f8").tobytes() + rates.tobytes())
 
     def _headings(self) -> str:
         """Text frame: start time, and for each second time, read, zeroed and std of the lost heading, in degrees."""
@@ -129,7 +130,7 @@ class TrailTopic(topics.Topic):
 
         The frame: float64 (n,) times in s, then float32 (n, 7) bias x, y, z and its std in °/s, temperature in °C.
         """
-        if self._story is None or not len(trail := self._story.trail):
+        if self._story is None or not (trail := self._story.trail).times_ns.size:
             return
         rests = [(begin / 1e9, end / 1e9) for begin, end in trail.rests]
         marks = [(mark.time_ns / 1e9, mark.kind) for mark in trail.marks]

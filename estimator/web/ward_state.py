@@ -225,13 +225,11 @@ class Known:
             return
         if (story := self.story(info.device)) is None:
             return
-        hears = story.hears(info.bridge)
-        if hears and (info.boot or story.info is None or story.info.bridge == info.bridge):
-            story.info = info
-        if hears and info.boot and info.boot not in story.boots:
+        self._view.take_info(info)
+        story.info = self._view.info(info.device)
+        if info is story.info and info.boot and story.hears(info.bridge):
             what = f"{info.model} {info.firmware}".strip()
             story.take_boot(Boot(info.boot, info.time_ns, _CAUSES[info.boot_cause], what))
-        self._view.take_info(info)
         self._news += 1
 
     def take_owned(self, owned: Owned, now: float) -> None:

@@ -77,7 +77,7 @@ class BiasTopic(topics.Topic):
         float64 span in s; by device number float32 (SPARKS, 6): bias and std, x, y, z, °/s; NaN where unknown.
         """
         trails = [story.trail for story in self._known.stories.values()]
-        first_ns = min((int(trail.times_ns[0]) for trail in trails if len(trail)), default=now_ns)
+        first_ns = min((int(trail.times_ns[0]) for trail in trails if trail.times_ns.size), default=now_ns)
         begin_ns = max(first_ns, now_ns - round(SPARKS_S * 1e9))
         columns = np.degrees(np.array([trail.spread(SPARKS, begin_ns, now_ns)[:, :6] for trail in trails]))
         yield topics.binary(

@@ -126,7 +126,7 @@ def test_abandoned_pictures_are_not_drawn(site: Site, monkeypatch: pytest.Monkey
         for second in (0, 1):
             site.talk(said(f"d{n:02d}", boot=5, time_ns=now_ns + second * 10**9))
     stories = site.server.desk.known.stories
-    while not (len(stories) == 30 and all(len(story.trail) == 2 for story in stories.values())):
+    while not (len(stories) == 30 and all(len(story.trail.points) == 2 for story in stories.values())):
         time.sleep(0.05)
     get, ended = site.server.desk.pictures.get, list[bool]()
 

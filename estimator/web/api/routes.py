@@ -13,7 +13,7 @@ from starlette.routing import BaseRoute, Route
 from bridge.wire.keys import check_id
 from bridge.wire.messages import Placement
 from bridge.wire.refusal import Refusal
-from estimator.overview.ward import URGENCY, DeviceRow, chosen, listed
+from estimator.overview.ward import URGENCY, DeviceRow, listed, strangers
 from estimator.web import request_form
 from estimator.web.api import answers, openapi
 from estimator.web.http_error import Fault
@@ -117,8 +117,7 @@ def _nothing_like(word: str, rows: list[DeviceRow]) -> None:
         raise Fault(HTTPStatus.BAD_REQUEST, "bad_parameter", words)
     if not word:
         raise Fault(HTTPStatus.BAD_REQUEST, "bad_parameter", "'only' is empty; a state or an id is taken.")
-    state = word.lower().replace("-", " ").replace("_", " ") in URGENCY
-    if not (state or set(word) & set("*?") or chosen(rows, [word])):
+    if not set(word) & set("*?") and strangers(rows, [word]):
         heard = f"; heard are: {listed(row.device for row in rows)}" if rows else ""
         words = f"{word[:40]!r} is no state and no device; states are: {', '.join(URGENCY)}{heard}."
         raise Fault(HTTPStatus.NOT_FOUND, "unknown_device", words)
