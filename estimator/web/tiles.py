@@ -55,7 +55,6 @@ class Tile:
     rate: str
     gaps: str
     battery: str
-    battery_low: bool
     temperature: str
     turns: str
     rebooted: str
@@ -88,12 +87,8 @@ class WardPage:
     lists the devices that wait for turns by hand. `counts` holds name, tone, number and word of each state.
     """
 
-    ward: str
     count: str
     title: str
-    time_ns: int
-    connected: bool
-    tracking: int
     of: int
     counts: Sequence[tuple[str, str, int, str]]
     troubles: Sequence[str]
@@ -113,12 +108,8 @@ def ward_page(known: Known, now: float, now_ns: int, t: Texts) -> WardPage:
     tracking = sum(row.state == TRACKING for row in rows)
     count = t("ward.count", tracking=tracking, of=len(rows))
     return WardPage(
-        ward=known.ward,
         count=count,
         title=f"{t('ward.tracking', count=count)} · {known.ward}",
-        time_ns=now_ns,
-        connected=known.connected,
-        tracking=tracking,
         of=len(rows),
         counts=counts,
         troubles=troubles(known, t),
@@ -178,7 +169,6 @@ def tile(row: DeviceRow, story: Story, now: float, now_ns: int, t: Texts) -> Til
         rate=number_format.rate(measured_hz or row.rate_hz, told_hz, t),
         gaps=number_format.gaps(row.gaps, row.missing_samples, t) if status else "",
         battery=number_format.battery(row.battery_percent, t, charging=row.charging),
-        battery_low=row.low_battery,
         temperature=number_format.temperature(status.temperature_c) if status else "",
         turns="".join(AXES[axis] if axis in status.axes_done else "·" for axis in range(3))
         if status and calibrating

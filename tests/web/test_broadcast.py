@@ -156,7 +156,7 @@ def test_what_a_page_is_told_can_be_read_as_it_is_described(desk: Desk) -> None:
         else:
             name = frame[1 : 1 + frame[0]].decode()
             binary[name] = frame[(len(name) + 8) // 8 * 8 :]
-    assert text["device/chest"]["notes"][0]["words"] == "sat up"
+    assert text["device/chest"]["notes"][0][2] == "sat up"
     assert np.frombuffer(binary["rates"], "<f4")[2:].tolist() == pytest.approx([np.degrees(1.0)] * 2)
     n = len(binary["trace/chest"]) // 44
     trace = np.frombuffer(binary["trace/chest"], "<f4", offset=8 * n).reshape(3, n, 3)

@@ -44,7 +44,7 @@ def test_a_low_battery_needs_a_person_and_says_so() -> None:
     page = ward_page(known(about("a", battery_percent=9.0), said("a"), said("b")), 100.0, NOW, EN)
     assert [(tile.id, tile.tone, tile.needs) for tile in page.tiles] == [("a", "ask", True), ("b", "well", False)]
     assert page.tiles[0].notices == "The battery is at 9 %: charge it."
-    assert (page.tracking, page.of) == (2, 2)
+    assert (page.count, page.of) == ("2 of 2", 2)
     assert ("tracking", "well", 2, "tracking") in page.counts
     assert sum(n for _, _, n, _ in page.counts) == 2
 
@@ -154,10 +154,10 @@ def test_a_device_page_tells_of_calibrations_with_their_intervals() -> None:
     ward = known(about("a", boot=5), said("a", boot=5, calibration=CALIBRATION.id))
     ward.take_calibration(replace(CALIBRATION, device="a"))
     ward.take_calibration(replace(CALIBRATION, device="a"))
-    (line,) = device_page(ward, "a", 100.0, NOW, EN).calibrations
-    assert line.in_use
+    ((in_use, cells),) = device_page(ward, "a", 100.0, NOW, EN).calibrations
+    assert in_use
     k_std = float(np.sqrt(CALIBRATION.covariance[3, 3]))
-    assert line.scale[0] == f"{CALIBRATION.matrix[0, 0]:.4f} ±{words.SPACE}{1.96 * k_std:.4f}"
+    assert cells[4].splitlines()[0] == f"{CALIBRATION.matrix[0, 0]:.4f} ±{words.SPACE}{1.96 * k_std:.4f}"
 
 
 @pytest.mark.parametrize(
@@ -183,10 +183,10 @@ def test_two_methods_whose_intervals_exclude_each_other_say_that_the_bias_moved(
     )  # fmt: skip
     for one in (CALIBRATION, later, replace(later, id="other", boot=9, time_ns=later.time_ns + S)):
         ward.take_calibration(replace(one, device="a"))
-    lines = {line.id: line.reason for line in device_page(ward, "a", 100.0, NOW, EN).calibrations}
+    other, of_later, first = (cells[-1] for _, cells in device_page(ward, "a", 100.0, NOW, EN).calibrations)
     said_so = f"The bias has moved since the calibration before: {moved}."
-    assert (said_so in lines["later"]) is bool(moved)
-    assert "moved" not in lines[CALIBRATION.id] + lines["other"]
+    assert (said_so in of_later) is bool(moved)
+    assert "moved" not in first + other
 
 
 def test_a_picture_of_the_past_shows_the_boot_from_which_on_the_bias_was_unsure() -> None:
