@@ -21,7 +21,7 @@ from tests.estimator.device.test_correction import CALIBRATION
 from tests.memory_bus import MemoryBroker, MemoryBus
 from tests.sentences import free
 from tests.web.conftest import PASSWORD, PEOPLE
-from tests.web.talk import WARD, Talk, about, said
+from tests.web.talk import WARD, Talk, about, said, until
 
 BEARER = {"Authorization": f"Bearer nurse.{PASSWORD}"}
 URL = "http://127.0.0.1:8090"
@@ -43,8 +43,7 @@ class Asking:
         self.talk(*said)  # type: ignore[arg-type]
         names = {one.device for one in said if isinstance(one, Status)}
         stories = self.server.desk.known.stories
-        while not all(name in stories and stories[name].status is not None for name in names):
-            time.sleep(0.02)
+        until(lambda: all(name in stories and stories[name].status is not None for name in names))
 
     def log_in(self) -> str:
         """The CSRF token of a session of the client's."""

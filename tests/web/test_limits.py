@@ -24,7 +24,7 @@ from estimator.web.serve import Server
 from estimator.web.ward_state import CALIBRATIONS
 from tests.estimator.device.test_correction import CALIBRATION
 from tests.web.conftest import PASSWORD, PEOPLE, Site, served
-from tests.web.talk import WARD, about, said
+from tests.web.talk import WARD, about, said, until
 from tests.web.test_http import BEARER, LIVE, URL, Asking, error
 
 SCRIPT = Person(name="script", password=PasswordHasher(time_cost=1, memory_cost=64).hash("a token of its own"))
@@ -216,8 +216,7 @@ def test_who_does_not_read_the_answer_is_let_go(site: Site, monkeypatch: pytest.
                 deaf.send(request)
             except (BlockingIOError, ConnectionError):
                 time.sleep(0.01)
-    while site.server.uvicorn.server_state.connections:
-        time.sleep(0.01)
+    until(lambda: not site.server.uvicorn.server_state.connections)
 
 
 def test_a_client_that_is_gone_leaves_no_traceback(site: Site, caplog: pytest.LogCaptureFixture) -> None:
@@ -225,10 +224,8 @@ def test_a_client_that_is_gone_leaves_no_traceback(site: Site, caplog: pytest.Lo
     with caplog.at_level(logging.INFO):
         with closing(connected(site)) as gone:
             gone.sendall(HEAD.encode() + b"\r\nname=")
-            while not state.tasks:
-                time.sleep(0.01)
-        while state.tasks or state.connections:
-            time.sleep(0.01)
+            until(lambda: state.tasks)
+        until(lambda: not (state.tasks or state.connections))
     assert [record for record in caplog.records if record.exc_info] == []
 
 
@@ -243,8 +240,7 @@ def test_one_address_has_so_many_connections_and_is_told(
     assert caplog.text.count("a connection is refused: 3 are open from 127.0.0.1") == 1
     for one in many:
         one.close()
-    while site.server.uvicorn.server_state.connections:
-        time.sleep(0.01)
+    until(lambda: not site.server.uvicorn.server_state.connections)
     assert said_to(site, "GET / HTTP/1.1\r\nHost: localhost\r\n\r\n").startswith("HTTP/1.1 200")
 
 

@@ -9,6 +9,7 @@ import pytest
 
 from bridge.wire.messages import State
 from tests.estimator.stream import NAME
+from tests.web import talk
 from tests.web.conftest import Site
 from tests.web.other_browsers import Browser, Firefox, WebKit
 from tests.web.played import Played
@@ -54,16 +55,15 @@ def test_ward_device_and_guide(other: Browser, site: Site) -> None:
     until(other, "document.getElementById('signals').open", wanted=True)
     drawn = """[...document.querySelectorAll("#rates canvas")].some((canvas) =>
       canvas.width && canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data.some((value) => value))"""
-    for _ in range(10):
-        rates(site, names[1], 1.0)
-        time.sleep(0.5)
+    for k in range(100):
+        rates(site, names[1], 0.5, 0.5 * k)
+        time.sleep(0.1)
         if other.evaluate(drawn):
             break
     assert other.evaluate(drawn)
     played = Played(site.talk)
     played.switch_on(rests_between(turn(2), turn(0), turn(1)))
-    while NAME not in site.server.desk.known.stories:
-        time.sleep(0.05)
+    talk.until(lambda: NAME in site.server.desk.known.stories)
     other.goto(f"{site.url}/devices/{NAME}/calibrate")
     until(other, text("#do"), PLACE)
     played.play_piece(0)

@@ -26,7 +26,7 @@ def guided(pieces: list[Piece], language: str = "en", skip: int = 0) -> tuple[in
     """What is printed while a hand does its pieces, from the one numbered `skip` on, and the exit code."""
     broker = MemoryBroker()
     talk = Talk(broker)
-    played = Played(talk, speed=20.0)
+    played = Played(talk)
     played.switch_on(pieces)
     if skip:
         played.play_piece(skip)
@@ -71,7 +71,7 @@ def test_it_says_it_in_chinese() -> None:
 def test_what_somebody_else_asked_for_goes_on_and_that_is_said() -> None:
     broker = MemoryBroker()
     talk = Talk(broker)
-    Played(talk, speed=20.0).switch_on([Still(3.0)])
+    Played(talk).switch_on([Still(3.0)])
     console = Console(file=io.StringIO(), width=100)
     with Client(ward=WARD, bus=MemoryBus(broker)) as client:
         assert calibrate(console, client, NAME, "nurse", texts("en"), seconds=1.0) == 1
@@ -97,7 +97,7 @@ def test_what_the_ward_cannot_hear_is_no_fault_of_the_device(
     """Estimator and bridge are gone, or nothing is said any more."""
     broker = MemoryBroker()
     talk = Talk(broker)
-    played = Played(talk, speed=20.0)
+    played = Played(talk)
     played.switch_on([Still(3.0)])
     console = Console(file=io.StringIO(), width=100)
     monkeypatch.setattr(ward, "SILENT_S", 0.5)
