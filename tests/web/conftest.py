@@ -10,18 +10,16 @@ from pathlib import Path
 from typing import Any, Literal
 
 import pytest
-from argon2 import PasswordHasher
 from playwright.sync_api import Browser, ConsoleMessage, Dialog, Page, Request
 
 from estimator.config.dashboard import Dashboard, Person
 from estimator.demo.ward import free_port
 from estimator.web.serve import Server
+from tests.estimator.device.test_correction import CALIBRATION
 from tests.memory_bus import MemoryBroker, MemoryBus
-from tests.web.talk import WARD, Talk
+from tests.web.asking import PEOPLE, Asking
+from tests.web.talk import WARD, Talk, about, said
 
-PASSWORD = "correct horse battery"
-# A hash of little effort: the tests are not about how long one takes.
-PEOPLE = (Person(name="nurse", password=PasswordHasher(time_cost=1, memory_cost=64).hash(PASSWORD)),)
 OUT = Path(__file__).parents[2] / "out" / "screenshots"
 AXE = (Path(__file__).parent / "vendor" / "axe.min.js").read_text(encoding="utf-8")
 SERIOUS = ("serious", "critical")
@@ -61,6 +59,16 @@ def served(people: tuple[Person, ...] = PEOPLE, store: Path | None = None, **set
         thread.join(10)
 
     return Site(f"http{'s' * ('certificate' in settings)}://127.0.0.1:{port}", talk, server, buses, stop)
+
+
+@pytest.fixture
+def asking() -> Iterator[Asking]:
+    """A dashboard in this process that has heard of one device."""
+    made = Asking()
+    with made.client:
+        made.hear(about("chest", boot=5), said("chest", boot=5, time_ns=time.time_ns(), calibration=CALIBRATION.id))
+        yield made
+    made.talk.hush()
 
 
 @pytest.fixture

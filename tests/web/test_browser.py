@@ -33,7 +33,8 @@ from estimator.config.dashboard import Dashboard
 from estimator.web import number_format as words
 from tests.estimator.device.test_correction import CALIBRATION
 from tests.sentences import free
-from tests.web.conftest import PASSWORD, PEOPLE, Look, Site
+from tests.web.asking import PASSWORD, PEOPLE
+from tests.web.conftest import Look, Site
 from tests.web.talk import about, said, until
 
 #: without a word from the server for so long, the page says that it is old

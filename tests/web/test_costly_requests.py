@@ -6,7 +6,6 @@ import socket
 import threading
 import time
 import urllib.request
-from collections.abc import Iterator
 from dataclasses import replace
 from http import HTTPStatus
 from pathlib import Path
@@ -27,18 +26,9 @@ from estimator.web.http_error import Fault
 from estimator.web.shared_work import WAITING, SharedWork
 from estimator.web.ward_state import CALIBRATIONS
 from tests.estimator.device.test_correction import CALIBRATION
+from tests.web.asking import Asking, error
 from tests.web.conftest import Site, served
-from tests.web.talk import about, said, until
-from tests.web.test_http import Asking, error
-
-
-@pytest.fixture
-def asking() -> Iterator[Asking]:
-    made = Asking()
-    with made.client:
-        made.hear(about("chest", boot=5), said("chest", boot=5, time_ns=time.time_ns()))
-        yield made
-    made.talk.hush()
+from tests.web.talk import said, until
 
 
 def test_a_pattern_as_long_as_a_request_may_be_is_refused_at_once(asking: Asking) -> None:

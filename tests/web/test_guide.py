@@ -10,7 +10,8 @@ from playwright.sync_api import Browser, Page, expect
 from bridge.sim.motion import Piece, Still, Turn
 from bridge.wire.messages import State
 from tests.estimator.stream import NAME
-from tests.web.conftest import PASSWORD, Look, Site
+from tests.web.asking import PASSWORD
+from tests.web.conftest import Look, Site
 from tests.web.played import Played
 from tests.web.talk import said
 from tests.web.test_browser import heard

@@ -8,10 +8,8 @@ import pytest
 
 from bridge.reasons.catalogue import english
 from bridge.reasons.codes import Code
-from bridge.wire.codec import Rates
-from bridge.wire.messages import NO_REST_S, BiasRevision, BootCause, CorrectedBatch, Quality, SampleBatch, State
+from bridge.wire.messages import NO_REST_S, BiasRevision, CorrectedBatch, Quality, SampleBatch, State
 from estimator.language.texts import texts
-from estimator.web import number_format as words
 from estimator.web.device_page import device_page
 from estimator.web.device_trail import POINTS, Trail
 from estimator.web.heading_drift import Heading
@@ -19,7 +17,6 @@ from estimator.web.reports import past
 from estimator.web.tiles import ward_page
 from estimator.web.traces import ALONE_S, Traces
 from estimator.web.ward_state import FORGET_S, LOOKED_S, STRANGERS, Known
-from estimator.web.ward_topics import extremes
 from tests.estimator.device.test_correction import CALIBRATION
 from tests.web.talk import about, said
 
@@ -40,15 +37,6 @@ def known(*messages: object) -> Known:
 # ---- tiles ----------------------------------------------------------------------------------------------------------
 
 
-def test_a_low_battery_needs_a_person_and_says_so() -> None:
-    page = ward_page(known(about("a", battery_percent=9.0), said("a"), said("b")), 100.0, NOW, EN)
-    assert [(tile.id, tile.tone, tile.needs) for tile in page.tiles] == [("a", "ask", True), ("b", "well", False)]
-    assert page.tiles[0].notices == "The battery is at 9 %: charge it."
-    assert (page.count, page.of) == ("2 of 2", 2)
-    assert ("tracking", "well", 2, "tracking") in page.counts
-    assert sum(n for _, _, n, _ in page.counts) == 2
-
-
 def test_of_several_bridges_that_tell_of_a_device_the_one_counts_whose_samples_are_taken() -> None:
     ward = known(about("a", bridge="b1", boot=1), said("a", boot=1, bridge="b1"))
     ward.take_info(about("a", bridge="b2", boot=9, model="other"))
@@ -61,16 +49,6 @@ def test_of_several_bridges_that_tell_of_a_device_the_one_counts_whose_samples_a
     ward.take_status(said("a", boot=9, bridge="b2"), 101.0)
     ward.take_info(about("a", bridge="b2", boot=9))
     assert (story.info.bridge, list(story.boots)) == ("b2", [1, 9])
-
-
-def test_a_reboot_is_said_until_it_is_calibrated_again() -> None:
-    ward = known(about("a", boot=1, time_ns=NOW - 900 * S), said("a", boot=1, calibrated_time_ns=NOW))
-    ward.take_info(about("a", boot=2, time_ns=NOW - 5 * S, boot_cause=BootCause.PORT_OPENED))
-    ward.take_status(said("a", State.AWAITING_STILL, boot=2), 100.0)
-    (tile,) = ward_page(ward, 100.0, NOW, EN).tiles
-    assert tile.rebooted == "started again 5 s ago, its port was opened: it must be calibrated again"
-    ward.take_status(said("a", State.DEGRADED, boot=2, calibrated_time_ns=NOW), 100.0)
-    assert ward_page(ward, 100.0, NOW, EN).tiles[0].rebooted == ""
 
 
 def test_a_device_nobody_speaks_of_any_more_is_silent() -> None:
@@ -148,16 +126,6 @@ def test_devices_that_no_live_bridge_lists_cost_little_and_are_forgotten() -> No
     ward.tidy(101.0 + FORGET_S)
     assert set(ward.stories) == {"new"}
     assert len(ward.alive["bridge"]) < 2000
-
-
-def test_a_device_page_tells_of_calibrations_with_their_intervals() -> None:
-    ward = known(about("a", boot=5), said("a", boot=5, calibration=CALIBRATION.id))
-    ward.take_calibration(replace(CALIBRATION, device="a"))
-    ward.take_calibration(replace(CALIBRATION, device="a"))
-    ((in_use, cells),) = device_page(ward, "a", 100.0, NOW, EN).calibrations
-    assert in_use
-    k_std = float(np.sqrt(CALIBRATION.covariance[3, 3]))
-    assert cells[4].splitlines()[0] == f"{CALIBRATION.matrix[0, 0]:.4f} ±{words.SPACE}{1.96 * k_std:.4f}"
 
 
 @pytest.mark.parametrize(
@@ -263,15 +231,6 @@ def raw(device: str, rate: float, sequence: int = 0, n: int = 5, boot: int = 1) 
     return SampleBatch(
         device, boot, sequence, of.start_time_ns, of.start_time_ns, 1e-6, 1.0, of.ticks, of.rate, None, None, of.flags
     )
-
-
-def test_strips_have_the_least_and_the_most_of_each_device() -> None:
-    said_of = (("a", 1.0), ("b", 2.0), ("a", 3.0), ("stranger", 9.0))
-    batches = [Rates(name, corrected(name, rate).rate) for name, rate in said_of]
-    found = extremes(batches, {"b": 0, "quiet": 1, "a": 2})
-    np.testing.assert_allclose(found[[0, 2]], np.degrees([[2, 2], [1, 3]]), rtol=1e-6)
-    assert np.isnan(found[1]).all()
-    assert extremes([], {}).shape == (0, 2)
 
 
 def test_raw_and_corrected_are_paired_sample_by_sample() -> None:
