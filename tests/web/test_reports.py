@@ -1,7 +1,6 @@
 """What is printed: a certificate and the ward's summary, in a real browser and as a PDF of it."""
 
 import re
-import time
 from dataclasses import replace
 from datetime import datetime
 from io import BytesIO
@@ -18,7 +17,7 @@ from estimator.web import number_format, reports
 from tests.estimator.device.test_correction import CALIBRATION
 from tests.sentences import free
 from tests.web.conftest import Look, Site
-from tests.web.talk import about, said
+from tests.web.talk import about, said, until
 from tests.web.test_browser import heard, now_ns, tracking
 
 pytestmark = [pytest.mark.xdist_group("browser"), pytest.mark.timeout(300)]
@@ -59,10 +58,9 @@ def calibrated(site: Site) -> None:
         tracking(NAME, calibration="second"),
         replace(said("bed-01-wrist", State.LOST, boot=1, time_ns=at), reason=free("no samples for 12 s")),
     )  # fmt: skip
+    site.talk(*(tracking(NAME, calibration="second") for _ in range(3)))
     heard(site, 2)
-    for _ in range(3):
-        time.sleep(0.3)
-        site.talk(tracking(NAME, calibration="second"))
+    until(lambda: len(site.server.desk.known.stories[NAME].trail.points) >= 4)
 
 
 def path(number: str) -> str:
@@ -100,12 +98,8 @@ def test_a_certificate(page: Page, site: Site, look: Look) -> None:
     expect(page.get_by_role("heading", level=1)).to_have_text("校准证书")
     expect(page.locator(".paper")).to_contain_text("相差超过两者的不确定度：z")
     look("certificate-zh")
-
-
-def test_a_label(page: Page, site: Site, look: Look) -> None:
-    """For a printer of labels of 62 × 29 mm: the device, the verdict, when it is due, and the code."""
-    calibrated(site)
-    page.goto(path("second"))
+    # For a printer of labels of 62 × 29 mm: the device, the verdict, when it is due, and the code.
+    page.goto(f"{path('second')}?lang=en")
     page.get_by_role("link", name="Print a label").click()
     expect(page.locator(".verdict")).to_contain_text(f"{NAME}: accepted")
     expect(page.locator(".facts")).to_have_count(0)
@@ -120,11 +114,9 @@ def test_a_label(page: Page, site: Site, look: Look) -> None:
 
 def test_a_picture_of_the_bias_leads_no_line_across_a_reboot(site: Site) -> None:
     calibrated(site)
-    site.talk(tracking(NAME, boot=6), tracking(NAME, boot=6))
+    site.talk(*(tracking(NAME, boot=6) for _ in range(3)))
     story = site.server.desk.known.stories[NAME]
-    while story.boot != 6 or len(reports.past(story, NAME).biases) < 2:
-        time.sleep(0.05)
-        site.talk(tracking(NAME, boot=6))
+    until(lambda: story.boot == 6 and len(reports.past(story, NAME).biases) == 2)
     past = reports.past(story, NAME)
     boundaries = [one.time_ns[-1] < other.time_ns[0] for one, other in pairwise(past.biases)]
     assert boundaries == [True]
