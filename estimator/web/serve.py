@@ -68,11 +68,8 @@ class Server:
         people: Path | None = None,
     ) -> None:
         self.desk = Desk(Known(ward), settings, store, treatment, people)
-        self._ward = ward
         self._broadcast = Broadcast(self.desk)
         self.app = application(self.desk, self._broadcast)
-        self._address = listening(settings.listen)
-        self._settings = settings
         self.uvicorn = Listener(
             self.app,
             behind_proxy=settings.behind_proxy,
@@ -83,13 +80,14 @@ class Server:
 
     async def serve(self) -> None:
         """Serve until `stop`. Raises OSError if the address, or the certificate for TLS, cannot be used."""
+        settings = self.desk.settings
         try:
             self.uvicorn.config.load()
         except OSError as error:
-            files = f"{self._settings.certificate} and {self._settings.key}"
+            files = f"{settings.certificate} and {settings.key}"
             why = os_errors.why(error)
             raise OSError(f"dashboard: certificate and key for TLS, {files}, cannot be used: {why}") from error
-        host, port = self._address
+        host, port = listening(settings.listen)
         family = socket.AF_INET6 if ":" in host else socket.AF_INET
         try:
             listener = socket.create_server((host, port), family=family, backlog=128)
@@ -98,8 +96,8 @@ class Server:
             raise OSError(f"dashboard: cannot listen on {host}:{port}: {why}; --listen takes another") from error
         log.info(
             "the dashboard of ward %s is at %s",
-            self._ward,
-            _place(host, listener.getsockname()[1], tls=bool(self._settings.certificate)),
+            self.desk.known.ward,
+            _place(host, listener.getsockname()[1], tls=bool(settings.certificate)),
         )
         with listener, supervised():
             await self.uvicorn.serve([listener])
@@ -119,7 +117,8 @@ class Server:
 
         Called in the event loop.
         """
-        self._broadcast.connect(Client(ward=self._ward, bus=data), Client(ward=self._ward, bus=control))
+        ward = self.desk.known.ward
+        self._broadcast.connect(Client(ward=ward, bus=data), Client(ward=ward, bus=control))
 
 
 def _place(host: str, port: int, *, tls: bool) -> str:
