@@ -11,7 +11,7 @@ from bridge.wire.messages import State
 from tests.estimator.stream import NAME
 from tests.web import talk
 from tests.web.conftest import Site
-from tests.web.other_browsers import Browser, Firefox, WebKit
+from tests.web.other_browsers import Firefox, WebKit
 from tests.web.played import Played
 from tests.web.talk import said
 from tests.web.test_browser import now_ns, rates, ward
@@ -21,7 +21,7 @@ pytestmark = [pytest.mark.xdist_group("browser"), pytest.mark.timeout(120)]
 
 
 @pytest.fixture(params=[Firefox, WebKit])
-def other(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Browser]:
+def other(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Firefox | WebKit]:
     if not request.param.there():
         pytest.skip(f"{request.param.__name__} is not here; `apt-get install {request.param.needs}` brings it")
     made = request.param(tmp_path)
@@ -29,7 +29,7 @@ def other(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Browser]:
     made.close()
 
 
-def until(browser: Browser, expression: str, wanted: Any) -> None:
+def until(browser: Firefox | WebKit, expression: str, wanted: Any) -> None:
     """Until an expression has this value."""
     end, found = time.monotonic() + 20, None
     while time.monotonic() < end:
@@ -43,7 +43,7 @@ def text(selector: str) -> str:
     return f"document.querySelector({selector!r})?.textContent.trim()"
 
 
-def test_ward_device_and_guide(other: Browser, site: Site) -> None:
+def test_ward_device_and_guide(other: Firefox | WebKit, site: Site) -> None:
     names = ward(site, 6)
     other.goto(f"{site.url}/?lang=en")
     until(other, text("h1"), "6 of 6 tracking")
