@@ -108,19 +108,6 @@ def test_from_the_table_to_the_verdict_without_a_click(page: Page, played: Playe
     assert 6 <= len(heard) <= 11, heard
 
 
-def test_a_failed_turn_is_repeated(page: Page, played: Played, look: Look) -> None:
-    played.switch_on(rests_between(turn(2), turn(0, 180.0), turn(0), turn(1)))
-    open_guide(page)
-    played.play_piece(4)
-    expect(page.locator("#wrong")).to_contain_text("Turn the device once all the way round.")
-    expect(page.locator("#do")).to_have_text("Again: roll it over once, away from you")
-    look("guide-failed")
-    played.play_piece(5, 0.6)
-    expect(page.locator("#wrong")).to_be_hidden()
-    played.play_piece(8)
-    expect(page.locator("#do")).to_have_text(DONE)
-
-
 def test_begun_and_cancelled_by_the_keyboard(page: Page, played: Played, look: Look) -> None:
     played.switch_on(rests_between(turn(2), turn(0), turn(1), Still(1.0), turn(2)))
     played.play_piece(6)
