@@ -134,15 +134,14 @@ class WardView:
 
     def infos(self) -> dict[str, DeviceInfo]:
         """Return the hardware info of each device by id, from the bridge whose samples are used."""
-        owners = {name: status.bridge for name, (status, _) in self._statuses.items()}
-        found = {name: self._info(name, owners.get(name, "")) for name in self._infos}
-        return {name: info for name, info in found.items() if info is not None}
+        return {name: info for name in self._infos if (info := self.info(name)) is not None}
 
-    def _info(self, name: str, owner: str) -> DeviceInfo | None:
-        """Return the info of the bridge whose samples are used; otherwise of a bridge that hears the device."""
-        known = self._infos.get(name, {})
-        infos = [known[owner]] if owner in known else sorted(known.values(), key=lambda info: info.boot != 0)
-        return infos[-1] if infos else None
+    def info(self, name: str) -> DeviceInfo | None:
+        """Return a device's info of the bridge whose samples are used; otherwise of a bridge that hears the device."""
+        known, (status, _) = self._infos.get(name, {}), self._statuses.get(name, (None, 0.0))
+        if status is not None and status.bridge in known:
+            return known[status.bridge]
+        return max(reversed(known.values()), key=lambda info: info.boot != 0, default=None)
 
     def row(self, name: str, now: float) -> DeviceRow:
         """Return the row of one device: state, reasons and counts, from its status and info.
@@ -150,7 +149,7 @@ class WardView:
         now: monotonic time in s.
         """
         status, heard = self._statuses.get(name, (None, now))
-        info = self._info(name, status.bridge if status is not None else "")
+        info = self.info(name)
         about: dict[str, Any] = {}
         if info is not None:
             battery = None if math.isnan(info.battery_percent) else info.battery_percent
@@ -251,11 +250,10 @@ def matches(text: str, pattern: str) -> bool:
 def strangers(rows: Iterable[DeviceRow], only: Iterable[str]) -> list[str]:
     """Return the words of `only` that are neither a state nor match the id of a device."""
     devices = [row.device for row in rows]
-    states = set(WORDS.values()) | {SILENT, ENDED}
     return [
         word
         for word in only
-        if word.lower().replace("-", " ").replace("_", " ") not in states
+        if word.lower().replace("-", " ").replace("_", " ") not in URGENCY
         and not any(matches(device, word.lower()) for device in devices)
     ]
 

@@ -68,7 +68,7 @@ def as_json(history: History) -> dict[str, Any]:
         "calibrations": [
             {
                 "id": c.id,
-                "time": _iso(c.time_ns),
+                "time": iso(c.time_ns),
                 "boot": f"{c.boot:016x}",
                 "method": c.method,
                 "verdict": c.verdict.name.lower(),
@@ -82,16 +82,16 @@ def as_json(history: History) -> dict[str, Any]:
             }
             for c in history.calibrations
         ],
-        "placements": [{**asdict(one), "since": _iso(one.since_ns)} for one in history.placements],
-        "boots": [{**row, "time": _iso(row["time_ns"])} for row in history.boots],
+        "placements": [{**asdict(one), "since": iso(one.since_ns)} for one in history.placements],
+        "boots": [{**row, "time": iso(row["time_ns"])} for row in history.boots],
         "commands": [
-            {**row, "message": sentences_as_json(row["message"]), "time": _iso(row["time_ns"])}
+            {**row, "message": sentences_as_json(row["message"]), "time": iso(row["time_ns"])}
             for row in history.commands
         ],
         "bias": [
             {
                 "boot": of.boot,
-                "time": [_iso(int(time)) for time in of.time_ns],
+                "time": [iso(int(time)) for time in of.time_ns],
                 "bias_rad_s": of.bias.tolist(),
                 "bias_std_rad_s": of.std.tolist(),
                 "temperature_c": [_number(t) for t in of.temperature_c],
@@ -152,7 +152,8 @@ def when(time_ns: int) -> str:
     return datetime.fromtimestamp(time_ns / 1e9, UTC).astimezone().strftime("%Y-%m-%d %H:%M:%S")
 
 
-def _iso(time_ns: int) -> str:
+def iso(time_ns: int) -> str:
+    """Format nanoseconds since the Unix epoch as an ISO 8601 time in UTC, with milliseconds."""
     return datetime.fromtimestamp(time_ns / 1e9, UTC).isoformat(timespec="milliseconds")
 
 

@@ -4,7 +4,7 @@ A terminal is updated in place; other outputs get a line per step.
 """
 
 import time
-from math import degrees, isfinite
+from math import degrees
 
 from rich.console import Console, Group, RenderableType
 from rich.live import Live
@@ -18,13 +18,13 @@ from bridge.terminal.tables import Column, Columns
 from estimator.client import Client
 from estimator.config.device_settings import Treatment
 from estimator.device.session_knobs import SessionKnobs
-from estimator.geometry.gyro_model import AXES, SIGMAS
-from estimator.guide.comparison import compared, differing, last_before
+from estimator.geometry.gyro_model import AXES
+from estimator.guide.comparison import last_before
 from estimator.guide.guide import Guide
 from estimator.guide.steps import Instruction, Step
 from estimator.language.texts import Texts
 from estimator.overview.ward import listed
-from estimator.web.guide_view import unless_broken
+from estimator.web.guide_view import against, rows, unless_broken
 from estimator.web.ward_state import Known, Story
 
 #: seconds between two updates
@@ -207,14 +207,9 @@ def _end(console: Console, t: Texts, told: Instruction, story: Story) -> int:
     if told.step is not Step.DONE or calibration is None:
         return 0 if told.step is Step.DONE else 1
     before = last_before(calibration, story.calibrations.values())
-    rows = compared(calibration, before)
     table = Columns([Column(t(f"guide.{name}"), number=True) for name in ("axis", "scale", "scale_before", "bias")])
-    for one in rows:
-        then = f"{one.before:.4f} ± {SIGMAS * one.before_std:.4f}" if isfinite(one.before) else ""
-        bias = f"{degrees(one.bias):.3f} ± {SIGMAS * degrees(one.bias_std):.3f}"
-        table.add(AXES[one.axis], f"{one.scale:.4f} ± {SIGMAS * one.scale_std:.4f}", then, bias)
+    for one in rows(calibration, before):
+        table.add(one.axis, one.scale, one.before, one.bias)
     console.print(table)
-    if before is not None and (apart := differing(rows)):
-        when = time.strftime("%Y-%m-%d %H:%M", time.localtime(before.time_ns / 1e9))
-        console.print(t("guide.differs", when=when, axes=", ".join(AXES[axis] for axis in apart)), highlight=False)
+    console.print(against(calibration, before, t), highlight=False)
     return 0

@@ -139,7 +139,9 @@ def watch(console: Console, ward: str, endpoints: Sequence[str], device: str, se
         revisions = client.revisions(device, history=False)
         attitudes = client.orientation(device)
         live = Live(console=console, refresh_per_second=10) if console.is_terminal else None
-        view, latest, shown = WardView(), None, _Shown()
+        view, latest = WardView(), None
+        # The last batch, until a newer one comes or it is out of date: some devices send only now and then.
+        batch, until = None, 0.0
         turned: OrientationBatch | None = None
         heard, waiting = False, f"waiting for {device} …"
         told = False
@@ -149,10 +151,11 @@ def watch(console: Console, ward: str, endpoints: Sequence[str], device: str, se
         try:
             while seconds is None or time.monotonic() - begin < seconds:
                 new = corrected.receive(0.2)
-                batch = shown.of(new, time.monotonic())
+                now = time.monotonic()
+                batch, until = (new, now + SILENT_S) if new is not None or now > until else (batch, until)
                 if (said := status.latest()) is not None:
-                    view.take_status(said, time.monotonic())
-                latest = view.statuses(time.monotonic()).get(device)
+                    view.take_status(said, now)
+                latest = view.statuses(now).get(device)
                 heard = heard or new is not None
                 if (revision := revisions.receive(0.0)) is not None:
                     console.print(_revision_line(revision), highlight=False)
@@ -184,19 +187,6 @@ def _orientation(turned: OrientationBatch) -> str:
     tilt = degrees(2 * asin(min(hypot(x, y), 1.0)))
     tilt_band, heading_band = (degrees(SIGMAS * std) for std in (turned.tilt_std, turned.heading_std))
     return f"tilt {tilt:.1f} ± {tilt_band:.1f}°, heading {degrees(turned.heading[-1]):+.1f} ± {heading_band:.1f}°"
-
-
-class _Shown:
-    """Last batch, until a newer one comes or it is out of date: some devices send only now and then."""
-
-    def __init__(self) -> None:
-        self._batch: CorrectedBatch | None = None
-        self._until = 0.0
-
-    def of(self, new: CorrectedBatch | None, now: float) -> CorrectedBatch | None:
-        if new is not None or now > self._until:
-            self._batch, self._until = new, now + SILENT_S
-        return self._batch
 
 
 def _who_is_there(client: Client, device: str) -> tuple[str, bool]:

@@ -15,7 +15,7 @@ from starlette.responses import Response
 from starlette.routing import BaseRoute, Mount
 from starlette.staticfiles import StaticFiles
 
-from estimator.web import alert_pages, device_pages, guide_pages, live, openid, pages, people_pages, report_pages
+from estimator.web import device_pages, guide_pages, live, openid, pages, people_pages, report_pages
 from estimator.web.api import routes as places
 from estimator.web.broadcast import Broadcast
 from estimator.web.guard import Guard, dress
@@ -33,7 +33,7 @@ def routes() -> list[BaseRoute]:
 
     Name a new part here.
     """
-    parts = (pages, people_pages, alert_pages, device_pages, guide_pages, report_pages, places, stream, live)
+    parts = (pages, people_pages, device_pages, guide_pages, report_pages, places, stream, live)
     return [*(route for part in parts for route in part.routes()), Mount("/static", StaticFiles(directory=STATIC))]
 
 
@@ -67,7 +67,6 @@ def application(desk: Desk, broadcast: Broadcast) -> Starlette:
     )
     app.router.redirect_slashes = False  # a redirect would be built from the client's own Host header
     app.state.desk = desk
-    app.router.redirect_slashes = False  # each page has one address; a wrong one is reported as such
     return app
 
 

@@ -4,16 +4,18 @@ import asyncio
 import contextlib
 import logging
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 from bridge.bus.contract import BusError, Declared
-from bridge.wire.messages import BiasRevision, Calibration, DeviceInfo, Note, Owned, Status
 from bridge.wire.refusal import Tally
 from estimator.client import Client, Stream
-from estimator.web import topics
-from estimator.web.hub import Hub
-from estimator.web.topics import Sources, Topic
+from estimator.web.site import Desk
+from estimator.web.topic_kinds import kind_of
+from estimator.web.topics import Topic, device_of
+from estimator.web.ward_state import Known
 
 log = logging.getLogger(__name__)
 
@@ -35,15 +37,20 @@ LATE_S = 1.0
 class Heard:
     """Subscriptions to messages about all devices (status, info, calibration …), kept even if no page is open."""
 
-    def __init__(self, sources: Sources, client: Client, control: Client) -> None:
-        known = sources.known
+    def __init__(self, known: Known, client: Client, control: Client) -> None:
         self._known, self._client = known, client
-        self._statuses: Stream[Status] = client.follow()
-        self._infos: Stream[DeviceInfo] = client.follow_infos()
-        self._calibrations: Stream[Calibration] = client.follow_calibrations()
-        self._notes: Stream[Note] = client.follow_notes()
-        self._revisions: Stream[BiasRevision] = client.revisions()
-        self._owned: Stream[Owned] = client.follow_owned()
+        #: subscriptions, each with the method that takes its messages
+        self._streams: list[tuple[Stream[Any], Callable[[Any], None]]] = [
+            (client.follow_infos(), known.take_info),
+            (client.follow_calibrations(), known.take_calibration),
+            (client.follow_notes(), known.take_note),
+            (client.revisions(), known.take_revision),
+        ]
+        #: subscriptions to messages whose time of arrival counts
+        self._timed: list[tuple[Stream[Any], Callable[[Any, float], None]]] = [
+            (client.follow(), known.take_status),
+            (client.follow_owned(), known.take_owned),
+        ]
         self._watches: list[Declared] = [
             control.watch_alive(what, partial(known.take_token, what)) for what in known.alive
         ]
@@ -51,36 +58,41 @@ class Heard:
     def hear(self, now: float) -> None:
         """Hand the messages received since the last call to the ward's state. now: monotonic time in s."""
         self._known.take_router(now, there=self._client.connected)
-        for info in self._infos.drain():
-            self._known.take_info(info)
-        for status in self._statuses.drain():
-            self._known.take_status(status, now)
-        for calibration in self._calibrations.drain():
-            self._known.take_calibration(calibration)
-        for note in self._notes.drain():
-            self._known.take_note(note)
-        for revision in self._revisions.drain():
-            self._known.take_revision(revision)
-        for owned in self._owned.drain():
-            self._known.take_owned(owned, now)
+        for stream, take in self._streams:
+            for message in stream.drain():
+                take(message)
+        for stream, take_at in self._timed:
+            for message in stream.drain():
+                take_at(message, now)
         self._known.tidy(now)
 
     def close(self) -> None:
         """Close the subscriptions and the watches on live bridges and estimators."""
-        of_devices = self._statuses, self._infos, self._calibrations, self._notes, self._revisions
-        for thing in (*self._watches, *of_devices, self._owned):
+        for thing in (*self._watches, *(stream for stream, _ in (*self._streams, *self._timed))):
             thing.close()
+
+
+@dataclass(slots=True)
+class _Running:
+    """A topic that pages watch, or watched last: when its next frames are due and when it was last watched, s.
+
+    who: addresses that watch, or watched last.
+    """
+
+    topic: Topic
+    due: float
+    watched: float
+    who: set[str]
 
 
 class Broadcast:
     """Loop that starts, feeds and ends the topics that pages watch. Runs entirely in the event loop."""
 
-    def __init__(self, hub: Hub, sources: Sources) -> None:
-        self._hub, self._sources = hub, sources
-        self._topics: dict[str, Topic] = {}
-        self._due: dict[str, float] = {}
-        self._last_watched: dict[str, float] = {}
-        self._watchers: dict[str, set[str]] = {}  # addresses that watch, or watched last
+    def __init__(self, desk: Desk) -> None:
+        self._desk = desk
+        self._running: dict[str, _Running] = {}
+        #: when a topic that failed, or found no room, may start, monotonic s
+        self._again: dict[str, float] = {}
         self._heard: Heard | None = None
         self._hear_at = 0.0
         #: failed topics by kind, and how often a topic found no room
@@ -91,9 +103,9 @@ class Broadcast:
 
         client: session for data; control: session for liveliness and commands.
         """
-        self._sources.client = client
-        self._heard = Heard(self._sources, client, control)
-        for topic in list(self._topics):
+        self._desk.client, self._desk.control = client, control
+        self._heard = Heard(self._desk.known, client, control)
+        for topic in list(self._running):
             self._end(topic)
 
     async def run(self) -> None:
@@ -104,7 +116,7 @@ class Broadcast:
         while True:
             self.step(time.monotonic(), time.time_ns())
             now = time.monotonic()
-            due = min((self._due[name] for name in self._topics), default=now + ROUND_S)
+            due = min((one.due for one in self._running.values()), default=now + ROUND_S)
             await asyncio.sleep(max(LEAST_S, min(due - now, ROUND_S)))
 
     def step(self, now: float, now_ns: int) -> None:
@@ -114,73 +126,72 @@ class Broadcast:
         """
         if self._heard is not None and now >= self._hear_at:
             self._hear_at = now + HEAR_S
-            self._guarded("what is heard", now, partial(self._heard.hear, now))
-        for name, who in self._hub.wanted().items():
-            if name not in self._topics and now >= self._due.get(name, now) and self._may_begin(name, now, who):
-                self._guarded(name, now, partial(self._begin, name, now))
-            if name in self._topics and name in self._hub.newcomers:
-                self._guarded(name, now, partial(self._greet, name, now, now_ns))
-            if name in self._topics:
-                self._last_watched[name], self._watchers[name] = now, who
-        for name in list(self._topics):
-            if now - self._last_watched[name] > LINGER_S:
+            with self._guarded("what is heard", now):
+                self._heard.hear(now)
+        for name, who in self._desk.hub.wanted().items():
+            with self._guarded(name, now):
+                self._watched(name, who, now, now_ns)
+        for name, one in list(self._running.items()):
+            if now - one.watched > LINGER_S:
                 self._end(name)
-            elif now >= self._due[name]:
-                self._guarded(name, now, partial(self._tell, name, now, now_ns))
+            elif now >= one.due:
+                with self._guarded(name, now):
+                    one.due = (now if now - one.due > LATE_S else one.due) + one.topic.period_s
+                    for frame in one.topic.frames(now, now_ns):
+                        self._desk.hub.publish(name, frame)
 
-    def _greet(self, name: str, now: float, now_ns: int) -> None:
-        self._hub.greet(name, self._topics[name].whole(now, now_ns))
+    def _watched(self, name: str, who: set[str], now: float, now_ns: int) -> None:
+        """Start a topic that addresses `who` watch, unless it runs, and send its new viewers the whole content."""
+        if (one := self._running.get(name)) is None:
+            kind = kind_of(name)
+            if kind is None or now < self._again.get(name, now) or not self._may_begin(name, now, who):
+                return
+            self._again.pop(name, None)
+            one = self._running[name] = _Running(kind(name, self._desk), now + kind.period_s, now, who)
+        one.watched, one.who = now, who
+        if name in self._desk.hub.newcomers:
+            self._desk.hub.greet(name, one.topic.whole(now, now_ns))
 
     def _may_begin(self, name: str, now: float, who: set[str]) -> bool:
-        """Whether a topic may start: its device is known, and there is room for one more."""
-        device = topics.device_of(name)
+        """Check that a topic's device is known, and that there is room for one more topic."""
+        device = device_of(name)
         if not device:
             return True
-        if device not in self._sources.known.stories:
+        if device not in self._desk.known.stories:
             return False
-        there = [topic for topic in self._topics if topics.device_of(topic)]
-        no_others = sum(self._watchers.get(topic, who) <= who for topic in there) if len(who) == 1 else 0
+        there = [one for topic, one in self._running.items() if device_of(topic)]
+        no_others = sum(one.who <= who for one in there) if len(who) == 1 else 0
         if len(there) < TOPICS and no_others < TOPICS // 2:
             return True
-        self._due[name] = now + AGAIN_S
+        self._again[name] = now + AGAIN_S
         if self.left_out.add("topics") == 1:
             log.warning(
                 "%d topics of devices are watched: %s waits (more that wait are only counted)", len(there), name
             )
         return False
 
-    def _begin(self, name: str, now: float) -> None:
-        self._topics[name] = topics.KINDS[topics.kind_of(name)](name, self._sources)
-        self._due[name] = now + self._topics[name].period_s
-
-    def _tell(self, name: str, now: float, now_ns: int) -> None:
-        topic, due = self._topics[name], self._due[name]
-        self._due[name] = (now if now - due > LATE_S else due) + topic.period_s
-        for frame in topic.frames(now, now_ns):
-            self._hub.publish(name, frame)
-
-    def _guarded(self, name: str, now: float, work: Callable[[], None]) -> None:
+    @contextlib.contextmanager
+    def _guarded(self, name: str, now: float) -> Iterator[None]:
+        """Context that contains any failure of a topic: the topic starts anew."""
         try:
-            work()
-        except Exception as error:  # any failure is contained: the topic starts anew
-            if self.failed.add(topics.kind_of(name)) == 1:
+            yield
+        except Exception as error:
+            kind = name.partition("/")[0]
+            if self.failed.add(kind) == 1:
                 log.exception("%s failed and begins anew (more of this kind are only counted)", name)
             else:
                 log.debug("%s failed again: %s", name, error)
-            if name in self._topics:
+            if name in self._running:
                 self._end(name)
-            self._due[name] = now + AGAIN_S
+            self._again[name] = now + AGAIN_S
 
     def close(self) -> None:
         """Close all topics and all subscriptions."""
-        for name in list(self._topics):
+        for name in list(self._running):
             self._end(name)
         if self._heard is not None:
             self._heard.close()
 
     def _end(self, name: str) -> None:
-        self._due.pop(name, None)
-        self._last_watched.pop(name, None)
-        self._watchers.pop(name, None)
         with contextlib.suppress(BusError):
-            self._topics.pop(name).close()
+            self._running.pop(name).topic.close()

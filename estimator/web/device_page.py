@@ -19,52 +19,20 @@ from estimator.web.ward_state import Known, Story
 _RECALIBRATES = (*CALIBRATING, State.TRACKING, State.DEGRADED)
 
 
-@dataclass(frozen=True, slots=True)
-class CalibrationLine:
-    """One calibration, accepted or rejected, in words: scale factor and bias (°/s) of each axis with 95 % intervals.
-
-    `turns` and `reason` have one line for each turn or sentence; `in_use`: the device is corrected by it.
-    """
-
-    id: str
-    time_ns: int
-    when: str
-    verdict: str
-    method: str
-    who: str
-    scale: Sequence[str]
-    bias: Sequence[str]
-    turns: str
-    reason: str
-    in_use: bool
-
-
-@dataclass(frozen=True, slots=True)
-class Line:
-    """A boot, a note or an event as one line of a list on the page.
-
-    time_ns: since the Unix epoch; when: the same in words; what: who or what; words: the text.
-    """
-
-    time_ns: int
-    when: str
-    what: str
-    words: str
+#: a boot, a note or an event as one line of a list: when, who or what, and the text
+Line = tuple[str, str, str]
 
 
 @dataclass(frozen=True, slots=True)
 class DevicePage:
     """Everything that a device's page shows in one language, except its live charts.
 
-    time_ns: of the content, since the Unix epoch. progress: of the calibration, 0 to 1. blocked: why nothing
-    can be asked for, or empty. facts: (name, value) of hardware and counts. calibrations, boots, notes,
+    progress: of the calibration, 0 to 1. blocked: why nothing can be asked for, or empty. facts: (name, value) of
+    hardware and counts. calibrations: whether the device is corrected by it, and its cells. calibrations, boots, notes,
     events: the newest first.
     """
 
-    ward: str
     title: str
-    time_ns: int
-    connected: bool
     troubles: Sequence[str]
     tile: Tile
     placement: Placement
@@ -73,7 +41,7 @@ class DevicePage:
     can_cancel: bool
     blocked: str
     facts: Sequence[tuple[str, str]]
-    calibrations: Sequence[CalibrationLine]
+    calibrations: Sequence[tuple[bool, tuple[str, ...]]]
     boots: Sequence[Line]
     notes: Sequence[Line]
     events: Sequence[Line]
@@ -90,10 +58,7 @@ def device_page(known: Known, device: str, now: float, now_ns: int, t: Texts, to
     in_use = status.calibration if status else ""
     shown, deaf = tile(row, story, now, now_ns, t), known.deaf(device)
     return DevicePage(
-        ward=known.ward,
         title=f"{device}: {shown.word} · {known.ward}",
-        time_ns=now_ns,
-        connected=known.connected,
         troubles=troubles(known, t),
         tile=shown,
         placement=row.placement or Placement(),
@@ -102,43 +67,40 @@ def device_page(known: Known, device: str, now: float, now_ns: int, t: Texts, to
         can_cancel=not deaf and status is not None and status.state in CALIBRATING,
         blocked=t("device.blocked") if deaf else "",
         facts=_facts(story, told, t),
-        calibrations=[_calibration(c, story, in_use, t) for c in reversed(story.calibrations.values())],
-        boots=[
-            Line(b.time_ns, words.clock(b.time_ns), b.what, t.label(b.cause)) for b in reversed(story.boots.values())
-        ],
-        notes=[Line(n.time_ns, words.clock(n.time_ns), n.who, n.text) for n in reversed(story.notes)],
+        calibrations=[(c.id == in_use, _calibration(c, story, t)) for c in reversed(story.calibrations.values())],
+        boots=[(words.clock(b.time_ns), b.what, t.label(b.cause)) for b in reversed(story.boots.values())],
+        notes=[(words.clock(n.time_ns), n.who, n.text) for n in reversed(story.notes)],
         events=[_event(mark, t) for mark in sorted(story.trail.marks, key=lambda mark: -mark.time_ns)[:20]],
     )
 
 
-def _calibration(c: Calibration, story: Story, in_use: str, t: Texts) -> CalibrationLine:
+def _calibration(c: Calibration, story: Story, t: Texts) -> tuple[str, ...]:
+    """When, verdict, who, method, scale factor and bias (°/s) with 95 % intervals, turns, and reason of a calibration."""
     result = rows(c, None)
     moved = ", ".join(AXES[axis] for axis in bias_moves(c, story.calibrations.values()))
-    return CalibrationLine(
-        id=c.id,
-        time_ns=c.time_ns,
-        when=words.clock(c.time_ns),
-        verdict=t(f"report.{c.verdict.name.lower()}"),
-        method=c.method,
-        who=c.who,
-        scale=[one.scale for one in result],
-        bias=[one.bias for one in result],
-        turns="\n".join(
-            t(
-                "words.axis",
-                axis=AXES[turn.axis],
-                angle=words.signed(degrees(turn.angle), 0),
-                closure=f"{degrees(turn.closure_error):.2f}",
-            )
-            for turn in c.turns
-        ),
-        reason="\n".join([t.text(c.reason), *([t("device.bias_moved", axes=moved)] if moved else [])]),
-        in_use=c.id == in_use,
+    turns = [
+        t(
+            "words.axis",
+            axis=AXES[turn.axis],
+            angle=words.signed(degrees(turn.angle), 0),
+            closure=f"{degrees(turn.closure_error):.2f}",
+        )
+        for turn in c.turns
+    ]
+    return (
+        words.clock(c.time_ns),
+        t(f"report.{c.verdict.name.lower()}"),
+        c.who,
+        c.method,
+        "\n".join(one.scale for one in result),
+        "\n".join(one.bias for one in result),
+        "\n".join(turns),
+        "\n".join([t.text(c.reason), *([t("device.bias_moved", axes=moved)] if moved else [])]),
     )
 
 
 def _event(mark: Mark, t: Texts) -> Line:
-    return Line(mark.time_ns, words.clock(mark.time_ns), t(f"event.{mark.kind}"), _mark_text(mark, t))
+    return words.clock(mark.time_ns), t(f"event.{mark.kind}"), _mark_text(mark, t)
 
 
 def _mark_text(mark: Mark, t: Texts) -> str:

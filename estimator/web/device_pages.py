@@ -13,7 +13,6 @@ from bridge.wire.placement import MAX_WEARER
 from bridge.wire.validation import MAX_SENTENCE
 from estimator.guide.guide import CALIBRATING
 from estimator.language.texts import texts
-from estimator.web.commanding import commands
 from estimator.web.device_page import device_page
 from estimator.web.http_error import Fault
 from estimator.web.language import language
@@ -26,44 +25,40 @@ _PLACING = {"segments": tuple(SEGMENTS), "sides": SIDES, "longest_wearer": MAX_W
 
 
 def routes() -> list[BaseRoute]:
-    """Return the routes of the device page and of its commands; GET on a command's path leads back to the page."""
+    """Return the routes of the device page, and of the commands that forms of pages give."""
+    verbs = (*VERBS, "acknowledge")
     return [
         Route("/devices/{device}", device, name="device"),
-        *commands("/devices/{device}", command),
-        *(Route(f"/devices/{{device}}/{verb}", back) for verb in VERBS),
+        *(Route(f"/devices/{{device}}/{verb}", command, methods=["GET", "POST"]) for verb in verbs),
     ]
 
 
 async def device(request: Request) -> Response:
     """Serve the page of one device. Raises Fault for an unknown device."""
     desk, name = Desk.of(request), request.path_params["device"]
-    desk.story(name)
-    await desk.remember(name)
+    await desk.past(request, name)
     told = desk.treatment.told(name)
     page = device_page(desk.known, name, time.monotonic(), time.time_ns(), texts(language(request)), told)
     return show(request, "device.html", {"page": page, "longest": MAX_SENTENCE, **_PLACING})
 
 
-async def back(request: Request) -> Response:
-    """Redirect a GET on a command's path to the device page, as after a reload; commands are sent by POST only."""
-    return RedirectResponse(request.url_for("device", device=request.path_params["device"]).path, HTTPStatus.SEE_OTHER)
+async def command(request: Request) -> Response:
+    """Send the command of a page's form to the estimator, then redirect to a page, which shows the reply once.
 
-
-async def command(request: Request, verb: str) -> Response:
-    """Send a command of the page's form to the estimator, then redirect to the page, which shows the reply once.
-
-    Raises Fault for an unknown device, and for a wrong session or CSRF token.
+    The last part of the path is the command. GET, as after a reload, only redirects. Raises Fault for an unknown device,
+    and for a wrong session or CSRF token.
     """
-    desk, name = Desk.of(request), request.path_params["device"]
+    desk, name, verb = Desk.of(request), request.path_params["device"], request.scope["path"].rpartition("/")[2]
     given = await fields(request)
-    session = desk.checked(request, given.get("csrf", ""))
-    try:
-        reply = await _asked(desk, name, verb, session.name, _said(verb, given))
-        session.said = reply.accepted, name, lambda t: t.text(reply.message)
-    except Fault as fault:
-        if fault.status is HTTPStatus.NOT_FOUND:
-            raise
-        session.said, session.draft = (False, name, fault.text), given.get("words", "")[:MAX_SENTENCE]
+    if request.method == "POST":
+        session = desk.checked(request, given.get("csrf", ""))
+        try:
+            reply = await _asked(desk, name, verb, session.name, _said(verb, given))
+            session.said = reply.accepted, name, lambda t: t.text(reply.message)
+        except Fault as fault:
+            if fault.status is HTTPStatus.NOT_FOUND:
+                raise
+            session.said, session.draft = (False, name, fault.text), given.get("words", "")[:MAX_SENTENCE]
     return RedirectResponse(own(given.get("to", f"/devices/{name}")), HTTPStatus.SEE_OTHER)
 
 
@@ -75,7 +70,7 @@ def _said(verb: str, given: dict[str, str]) -> str | Placement:
 
 async def _asked(desk: Desk, name: str, verb: str, who: str, words: str | Placement) -> CommandReply:
     """The estimator's reply. Refuses to recalibrate from a stale page when that would undo another person's turns."""
-    status = desk.story(name).status
-    if verb == "recalibrate" and status is not None and status.state in CALIBRATING and status.axes_done:
+    status = desk.story(name).status if verb == "recalibrate" else None
+    if status is not None and status.state in CALIBRATING and status.axes_done:
         return CommandReply("", accepted=False, message=(Code.TURNS_WOULD_BE_LOST(),))
     return await desk.ask(name, verb, who, words)

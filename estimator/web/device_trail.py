@@ -39,14 +39,13 @@ class Mark:
 class Trail:
     """History of one device: at most POINTS points, with rests, events and receipts.
 
-    Columns of `points`: bias x, y, z, their std in rad/s, temperature in °C; NaN between boots.
-    rests: (begin, end) in ns.
+    times_ns: (n,) host time of each point in ns since the Unix epoch, increasing. points: (n, 7) bias x, y, z, their std
+    in rad/s, temperature in °C; NaN between boots. rests: (begin, end) in ns.
     """
 
     def __init__(self) -> None:
-        self._times = np.zeros(0, np.int64)  # grows, as most of many invented devices never have a point
-        self._rows = np.zeros((0, 7))
-        self._n = 0
+        self.times_ns: NDArray[np.int64] = np.zeros(0, np.int64)
+        self.points: Floats = np.zeros((0, 7))
         self._behind_ns = 0  # time of the last status, where that status was left out
         self.rests: deque[tuple[int, int]] = deque(maxlen=RESTS)
         self.marks: deque[Mark] = deque(maxlen=MARKS)
@@ -54,19 +53,6 @@ class Trail:
         self.receipts: deque[Receipt] = deque(maxlen=RECEIPTS)
         self._events: dict[str, int] | None = None
         self._boot = 0
-
-    def __len__(self) -> int:
-        return self._n
-
-    @property
-    def times_ns(self) -> NDArray[np.int64]:
-        """(n,) host time of each point in ns since the Unix epoch, increasing."""
-        return self._times[: self._n]
-
-    @property
-    def points(self) -> Floats:
-        """(n, 7) points: bias x, y, z, their std in rad/s, temperature in °C; NaN where unknown."""
-        return self._rows[: self._n]
 
     def take(self, status: Status) -> None:
         """Add a status (sent once a second and at every change) as a point.
@@ -77,12 +63,12 @@ class Trail:
         latest_ns = self.receipts[-1].time_ns if self.receipts else 0
         self.receipts += (one for one in status.receipts if one.time_ns > latest_ns)  # a status may come twice
         behind_ns, self._behind_ns = self._behind_ns, 0
-        if self._n and status.time_ns <= (latest := self._times[self._n - 1]):
+        if self.times_ns.size and status.time_ns <= (latest := self.times_ns[-1]):
             if not 0 < behind_ns < status.time_ns < latest - BACK_NS:
                 self._behind_ns = status.time_ns
                 return
             self._cut(status.time_ns)
-        if self._n and self._boot and status.boot != self._boot:
+        if self.times_ns.size and self._boot and status.boot != self._boot:
             self._append(status.time_ns - 1, np.full(7, np.nan))  # no line leads from one boot to the next
         self._happenings(status)
         self._append(status.time_ns, (*status.bias, *status.bias_std, status.temperature_c))
@@ -90,13 +76,9 @@ class Trail:
             self._rest(status.time_ns - round(status.evidence_age_s * 1e9))
 
     def _append(self, time_ns: int, row: Floats | tuple[float, ...]) -> None:
-        if self._n == POINTS:
+        if len(self.times_ns) == POINTS:
             self._thin()
-        elif self._n == len(self._times):
-            longer = min(max(16, 2 * self._n), POINTS)
-            self._times, self._rows = np.resize(self._times, longer), np.resize(self._rows, (longer, 7))
-        self._times[self._n], self._rows[self._n] = time_ns, row
-        self._n += 1
+        self.times_ns, self.points = np.append(self.times_ns, time_ns), np.vstack([self.points, row])
 
     def mark(self, mark: Mark) -> None:
         """Add an event to the marks; an event that is there already changes nothing."""
@@ -110,7 +92,7 @@ class Trail:
         for axis in range(3):
             for column, values in ((axis, revision.bias), (3 + axis, revision.bias_std)):
                 known = np.interp(times[inside], revision.times_ns, values[:, axis].astype(float))
-                self._rows[: self._n][inside, column] = known
+                self.points[inside, column] = known
 
     def spread(self, n: int, begin_ns: int, end_ns: int) -> Floats:
         """Resample to n points at even intervals from begin_ns to end_ns: (n, 7) as `points`.
@@ -120,9 +102,10 @@ class Trail:
         at = np.linspace(begin_ns, end_ns, n).astype(np.int64)
         found = np.full((n, 7), np.nan)
         index = np.searchsorted(self.times_ns, at, side="right") - 1
-        step = (end_ns - begin_ns) / max(1, n - 1)
-        known = (index >= 0) & (at - self._times[np.maximum(index, 0)] < max(3 * step, 5e9)) if self._n else index >= 0
-        found[known] = self._rows[index[known]]
+        too_old_ns = max(3 * (end_ns - begin_ns) / max(1, n - 1), 5e9)
+        known = index >= 0
+        known[known] = at[known] - self.times_ns[index[known]] < too_old_ns
+        found[known] = self.points[index[known]]
         return found
 
     def _rest(self, at_ns: int) -> None:
@@ -145,13 +128,13 @@ class Trail:
                 self.mark(Mark(status.time_ns, "refused", name))
 
     def _cut(self, at_ns: int) -> None:
-        self._n = int(np.searchsorted(self.times_ns, at_ns))
+        n = int(np.searchsorted(self.times_ns, at_ns))
+        self.times_ns, self.points = self.times_ns[:n], self.points[:n]
         earlier = [(begin, min(end, at_ns)) for begin, end in self.rests if begin < at_ns]
         self.rests = deque(earlier, self.rests.maxlen)
 
     def _thin(self) -> None:
         half = POINTS // 2
-        gaps = np.flatnonzero(np.isnan(self._rows[:half, 0]))[-BOOTS:]
+        gaps = np.flatnonzero(np.isnan(self.points[:half, 0]))[-BOOTS:]
         kept = np.unique(np.concatenate([np.arange(0, half, 2), gaps, np.arange(half, POINTS)]))
-        self._times[: len(kept)], self._rows[: len(kept)] = self._times[kept], self._rows[kept]
-        self._n = len(kept)
+        self.times_ns, self.points = self.times_ns[kept], self.points[kept]

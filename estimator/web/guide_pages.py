@@ -6,7 +6,6 @@ from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import BaseRoute, Route
 
-from estimator.guide.guide import Guide
 from estimator.language.texts import texts
 from estimator.overview.ward import to_calibrate
 from estimator.web.guide_view import guide_view
@@ -40,9 +39,8 @@ async def calibrate(request: Request) -> Response:
     """
     desk, name = Desk.of(request), request.path_params["device"]
     story = desk.story(name)
-    await desk.remember(name)
-    knobs = desk.treatment.of(name, story.info.model if story.info else "")
-    guide = Guide(knobs.method, knobs.stillness, horizontal=knobs.horizontal_turns)
+    await desk.past(request, name)
+    guide = desk.guide(name)
     if story.status is not None:
         guide.take_status(story.status)
     page = guide_view(guide.told(), desk.known, name, time.monotonic())

@@ -72,7 +72,6 @@ class GuideView:
     """
 
     device: str
-    ward: str
     step: str
     tone: str
     picture: str
@@ -99,7 +98,6 @@ def guide_view(told: Instruction, known: Known, device: str, now: float) -> Guid
     before = None if calibration is None else last_before(calibration, story.calibrations.values())
     return GuideView(
         device=device,
-        ward=known.ward,
         step=told.step,
         tone=_tone(told),
         picture=told.picture,

@@ -1,11 +1,10 @@
 """Heading drift: how far the heading from raw rates departs from the heading from corrected rates. Pure."""
 
 from collections import deque
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import atan2, cos, nan, pi, remainder, sin
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bridge.wire.messages import Floats
 from estimator.geometry import rotation
@@ -89,12 +88,9 @@ class Heading:
             if not np.isfinite(pair.corrected).all():
                 return
         # Samples from long before count: the clock is then behind the one that reports rests.
-        counts = (pair.time_s >= self._asked_s) | (pair.time_s < self._asked_s - KEPT_S)
-        if not counts.all():
+        if self._asked_s - KEPT_S <= pair.time_s[-1] < self._asked_s:
             self._feel(pair)
-            pair = _only(pair, counts)
-            if not len(pair.time_s):
-                return
+            return
         dt = np.diff(pair.device_s, prepend=self._latest_s)
         back = pair.time_s[-1] < (self.now.time_s or self.since_s) - BACK_S
         if back or not 0 < dt[0] < TORN_S:
@@ -143,10 +139,3 @@ class Heading:
         self._bias, self._up = np.full(3, nan), None
         self._latest_s, self.since_s = -np.inf, 0.0
         self.points.clear()
-
-
-def _only(pair: Pair, counts: NDArray[np.bool_]) -> Pair:
-    return replace(
-        pair,
-        **{name: getattr(pair, name)[counts] for name in ("device_s", "time_s", "raw", "corrected", "std")},
-    )

@@ -5,7 +5,6 @@ import contextlib
 import logging
 import ssl
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -39,29 +38,20 @@ _REFUSAL = (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class Limits:
-    """Limits of a listener: most connections, and addresses of proxies, which have no limit of their own.
-
-    `refused` counts refusals by reason.
-    """
-
-    connections: int = CONNECTIONS
-    proxies: tuple[str, ...] = ()
-    refused: Tally = field(default_factory=Tally)
-
-
 class _Bounded(H11Protocol):
-    """uvicorn's protocol with limits on connections and on waiting time; a subclass sets `limits`."""
+    """uvicorn's protocol with limits on connections and on waiting time; a subclass sets the limits."""
 
-    limits: ClassVar[Limits]
+    #: most connections; addresses of proxies, which have no limit of their own; refusals by reason
+    most: ClassVar[int]
+    proxies: ClassVar[tuple[str, ...]]
+    refused: ClassVar[Tally]
     _waits: asyncio.TimerHandle | None = None
     _served = False
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override] # as uvicorn's
         super().connection_made(transport)
         if words := self._too_many():
-            if self.limits.refused.add("too many") == 1:
+            if self.refused.add("too many") == 1:
                 log.warning("a connection is refused: %s (more are only counted)", words)
             transport.write(_REFUSAL)
             transport.close()
@@ -110,15 +100,15 @@ class _Bounded(H11Protocol):
             self._waits = None
 
     def _let_go(self) -> None:
-        self.limits.refused.add("too slow")
+        self.refused.add("too slow")
         self.transport.abort()
 
     def _too_many(self) -> str:
         """Why a connection is refused, in words; empty when there is room. A proxy limits its own clients."""
-        if len(self.connections) > self.limits.connections:
-            return f"{self.limits.connections} are open"
+        if len(self.connections) > self.most:
+            return f"{self.most} are open"
         address = self.client[0] if self.client else ""
-        if address in self.limits.proxies:
+        if address in self.proxies:
             return ""
         near, there = neighbourhood(address), 0
         for one in self.connections:
@@ -137,11 +127,11 @@ class Listener(uvicorn.Server):
         self, app: ASGIApp, *, behind_proxy: bool, connections: int, certificate: str = "", key: str = ""
     ) -> None:
         #: refused or aborted connections, by reason
-        self.refused = Tally()
+        self.refused = tally = Tally()
         logging.getLogger("asyncio").addFilter(_is_news)
 
         class Ours(_Bounded):
-            limits = Limits(connections, _PROXIES if behind_proxy else (), self.refused)
+            most, proxies, refused = connections, _PROXIES if behind_proxy else (), tally
 
         super().__init__(
             uvicorn.Config(

@@ -8,10 +8,10 @@ import msgspec
 from starlette.routing import BaseRoute, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from estimator.web import topics
 from estimator.web.client_address import neighbourhood
 from estimator.web.hub import TOPICS, Hub, Viewer
 from estimator.web.site import Desk
+from estimator.web.topic_kinds import kind_of
 
 #: a client that names no topics within this time is not one of our pages, s
 FIRST_S = 15.0
@@ -97,7 +97,7 @@ def _wished(text: str) -> list[str]:
         wish = msgspec.json.decode(text[:4096], type=Wish)
     except msgspec.MsgspecError as error:
         raise ValueError(f"not understood: {error}") from None
-    unknown = [topic for topic in wish.watch if not topics.exists(topic)]
+    unknown = [topic for topic in wish.watch if kind_of(topic) is None]
     if unknown or len(wish.watch) > TOPICS:
         raise ValueError(f"no such topic: {unknown[0][:40]!r}" if unknown else f"at most {TOPICS} topics")
     return wish.watch

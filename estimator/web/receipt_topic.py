@@ -8,7 +8,7 @@ from bridge.wire.messages import Receipt
 from estimator.language.texts import Texts
 from estimator.web import number_format, topics
 from estimator.web.hub import Frame
-from estimator.web.topics import Sources
+from estimator.web.site import Desk
 
 #: receipts in the picture, and in the table
 POINTS, LINES = 300, 12
@@ -16,41 +16,29 @@ POINTS, LINES = 300, 12
 _MOST = 20.0
 
 
-@topics.kind("receipts", of_a_device=True, worded=True)
 class ReceiptTopic(topics.Topic):
     """Receipts of a device's bias updates since a page first watched, and the few before.
 
     The latest in words; all as points of the NIS picture.
     """
 
-    def __init__(self, topic: str, sources: Sources) -> None:
-        super().__init__(topic, sources)
+    of_a_device = worded = True
+
+    def __init__(self, topic: str, desk: Desk) -> None:
+        super().__init__(topic, desk)
         self._kept = deque[Receipt](maxlen=POINTS)
 
     def whole(self, now: float, now_ns: int) -> Iterable[Frame]:  # noqa: ARG002 - of a topic
-        """Yield one text frame with all kept receipts."""
-        self._look()
-        yield self._frame()
-
-    def frames(self, now: float, now_ns: int) -> Iterable[Frame]:  # noqa: ARG002 - of a topic
-        """Yield one text frame with all kept receipts, if there are new ones."""
-        if self._look():
-            yield self._frame()
-
-    def _look(self) -> bool:
-        story = self._known.stories.get(self._device)
-        latest = self._kept[-1].time_ns if self._kept else 0
-        new = [one for one in story.trail.receipts if one.time_ns > latest] if story is not None else []
-        self._kept += new
-        return bool(new)
-
-    def _frame(self) -> str:
-        story = self._known.stories.get(self._device)
-        nis = story.status.nis if story is not None and story.status is not None else 0.0
+        """Yield one text frame with all kept receipts; nothing for an unknown device."""
+        if (story := self._story) is None:
+            return
+        latest_ns = self._kept[-1].time_ns if self._kept else 0
+        self._kept += [one for one in story.trail.receipts if one.time_ns > latest_ns]
+        nis = story.status.nis if story.status is not None else 0.0
         lines = [_line(one, self._t) for one in reversed([*self._kept][-LINES:])]
         points = [(one.time_ns / 1e9, min(one.nis / len(one.innovation), _MOST), one.accepted) for one in self._kept]
         mean = self._t("device.nis_mean", nis=f"{nis:.2f}") if nis else ""
-        return topics.text(self._topic, {"mean": mean, "lines": lines, "points": points})
+        yield topics.text(self._topic, {"mean": mean, "lines": lines, "points": points})
 
 
 def _line(one: Receipt, t: Texts) -> tuple[str, ...]:

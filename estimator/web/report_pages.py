@@ -45,7 +45,7 @@ async def certificate(request: Request) -> Response:
     Raises Fault for an unknown one.
     """
     desk, name, number = Desk.of(request), request.path_params["device"], request.path_params["calibration"]
-    known = {calibration.id: calibration for calibration in await desk.calibrations(request, name)}
+    known = {calibration.id: calibration for calibration in await desk.past(request, name)}
     if (found := known.get(number)) is None:
         raise Fault(HTTPStatus.NOT_FOUND, "unknown_calibration", id=number[:80], device=name)
     story = desk.story(name)

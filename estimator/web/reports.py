@@ -1,8 +1,8 @@
-"""Content of a calibration certificate and of a ward summary, as plain values in one language. Pure."""
+"""Content of a calibration certificate and of a ward summary, as values for their templates in one language. Pure."""
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable
 from math import degrees, isfinite
+from typing import Any
 
 import numpy as np
 
@@ -10,10 +10,11 @@ from bridge.wire.messages import Calibration, Status
 from estimator.geometry.gyro_model import AXES
 from estimator.guide.comparison import last_before
 from estimator.language.texts import Texts
+from estimator.overview.ward import DeviceRow
 from estimator.service.history import Biases, History
 from estimator.web import number_format
 from estimator.web.device_page import accelerometer
-from estimator.web.guide_view import Axis, against, rows
+from estimator.web.guide_view import against, rows
 from estimator.web.tiles import toned, troubles, word, worn
 from estimator.web.ward_state import Known, Story
 
@@ -23,72 +24,8 @@ _UNSURE = 20.0
 _BEFORE_NS = 60 * 10**9
 
 
-@dataclass(frozen=True, slots=True)
-class TurnLine:
-    """One turn by hand, in words: axis, angle and closure error in degrees, duration in s."""
-
-    axis: str
-    angle: str
-    closure: str
-    duration: str
-
-
-@dataclass(frozen=True, slots=True)
-class Certificate:
-    """Everything that a calibration certificate shows, in words.
-
-    when, due: dates. facts: (name, value). result: scale factor and bias of each axis. matrix: rows of the full matrix;
-    empty where only the diagonal was estimated. compared: with the calibration before.
-    """
-
-    device: str
-    verdict: str
-    accepted: bool
-    in_use: bool
-    when: str
-    due: str
-    overdue: bool
-    facts: Sequence[tuple[str, str]]
-    result: Sequence[Axis]
-    matrix: Sequence[Sequence[str]]
-    turns: Sequence[TurnLine]
-    compared: str
-
-
-@dataclass(frozen=True, slots=True)
-class Line:
-    """One device in the ward summary, in words.
-
-    tone: look of its state; result: its calibration, a row for each axis.
-    """
-
-    device: str
-    placement: str
-    state: str
-    tone: str
-    reason: str
-    calibrated: str
-    who: str
-    battery: str
-    result: Sequence[Axis]
-
-
-@dataclass(frozen=True, slots=True)
-class Summary:
-    """Summary of a ward at one moment: `tracking` of `of` devices track.
-
-    needs: the devices that need a person; devices: all, by name; troubles: those of the ward itself.
-    """
-
-    tracking: int
-    of: int
-    troubles: Sequence[str]
-    needs: Sequence[Line]
-    devices: Sequence[Line]
-
-
 def certificate(
-    calibration: Calibration,
+    c: Calibration,
     known: Iterable[Calibration],
     status: Status | None,
     t: Texts,
@@ -96,13 +33,13 @@ def certificate(
     limit: float,
     due_days: float,
     now_ns: int,
-) -> Certificate:
-    """Build the certificate of a calibration, accepted or rejected. known: all known calibrations of the device.
+) -> dict[str, Any]:
+    """Build the certificate of a calibration, accepted or rejected, in words.
 
-    limit: largest relative scale error that is taken (`SessionKnobs.scale_limit`). due_days:
-    days until it is due again. now_ns: host time.
+    known: all known calibrations of the device. limit: largest relative scale error that is taken
+    (`SessionKnobs.scale_limit`). due_days: days until it is due again. now_ns: host time.
+    Of the result, `matrix` is empty where only the diagonal was estimated.
     """
-    c = calibration
     before = last_before(c, known)
     whole = bool(np.any(c.matrix - np.diag(np.diag(c.matrix))))
     due_ns = c.time_ns + round(due_days * 86400e9)
@@ -124,59 +61,63 @@ def certificate(
         ("boot", f"{c.boot:016x}"),
         ("id", c.id),
     ]
-    return Certificate(
-        device=c.device,
-        verdict=t(f"report.{c.verdict.name.lower()}"),
-        accepted=c.verdict.name == "ACCEPTED",
-        in_use=status is not None and status.calibration == c.id,
-        when=number_format.clock(c.time_ns)[:10],
-        due=number_format.clock(due_ns)[:10],
-        overdue=now_ns > due_ns,
-        facts=[(t(f"report.{name}"), value) for name, value in facts if value],
-        result=rows(c, before) if c.parameters else (),
-        matrix=[[f"{value:.5f}".replace("-", number_format.MINUS) for value in row] for row in c.matrix]
+    return {
+        "device": c.device,
+        "verdict": t(f"report.{c.verdict.name.lower()}"),
+        "accepted": c.verdict.name == "ACCEPTED",
+        "in_use": status is not None and status.calibration == c.id,
+        "when": number_format.clock(c.time_ns)[:10],
+        "due": number_format.clock(due_ns)[:10],
+        "overdue": now_ns > due_ns,
+        "facts": [(t(f"report.{name}"), value) for name, value in facts if value],
+        "result": rows(c, before) if c.parameters else (),
+        "matrix": [[f"{value:.5f}".replace("-", number_format.MINUS) for value in row] for row in c.matrix]
         if whole
         else (),
-        turns=[
-            TurnLine(
-                AXES[turn.axis],
-                f"{number_format.signed(degrees(turn.angle), 1)}°",
-                f"{degrees(turn.closure_error):.2f}°",
-                f"{turn.duration_s:.1f} s",
-            )
+        "turns": [
+            {
+                "axis": AXES[turn.axis],
+                "angle": f"{number_format.signed(degrees(turn.angle), 1)}°",
+                "closure": f"{degrees(turn.closure_error):.2f}°",
+                "duration": f"{turn.duration_s:.1f} s",
+            }
             for turn in c.turns
         ],
-        compared=against(c, before, t) if c.parameters else "",
-    )
+        "compared": against(c, before, t) if c.parameters else "",
+    }
 
 
-def summary(known: Known, now: float, t: Texts) -> Summary:
-    """Build the ward summary: all devices by name, and those that need a person. now: monotonic time in s."""
+def summary(known: Known, now: float, t: Texts) -> dict[str, Any]:
+    """Build the ward summary in words: all `devices` by name, and those that need a person, most urgent first.
+
+    now: monotonic time in s.
+    """
     found = known.rows(now)
-    lines = {}
-    for row in found:
-        story = known.stories[row.device]
-        status = story.status
-        made = story.calibrations.get(status.calibration) if status else None
-        before = last_before(made, story.calibrations.values()) if made else None
-        lines[row.device] = Line(
-            device=row.device,
-            placement=worn(row.placement, t),
-            state=word(row.state, t),
-            tone=toned(row),
-            reason=t.text(row.reason),
-            calibrated=number_format.clock(status.calibrated_time_ns) if status and status.calibrated_time_ns else "",
-            who=made.who if made else "",
-            battery=number_format.battery(row.battery_percent, t, charging=row.charging),
-            result=rows(made, before) if made else (),
-        )
-    return Summary(
-        tracking=sum(row.state == "tracking" for row in found),
-        of=len(found),
-        troubles=troubles(known, t),
-        needs=[lines[row.device] for row in found if row.needs_person],
-        devices=[lines[name] for name in sorted(lines)],
-    )
+    lines = {row.device: _line(row, known.stories[row.device], t) for row in found}
+    return {
+        "tracking": sum(row.state == "tracking" for row in found),
+        "of": len(found),
+        "troubles": troubles(known, t),
+        "needs": [lines[row.device] for row in found if row.needs_person],
+        "devices": [lines[name] for name in sorted(lines)],
+    }
+
+
+def _line(row: DeviceRow, story: Story, t: Texts) -> dict[str, Any]:
+    """One device in the ward summary; `result` is its calibration, a row for each axis."""
+    status = story.status
+    made = story.calibrations.get(status.calibration) if status else None
+    return {
+        "device": row.device,
+        "placement": worn(row.placement, t),
+        "state": word(row.state, t),
+        "tone": toned(row),
+        "reason": t.text(row.reason),
+        "calibrated": number_format.clock(status.calibrated_time_ns) if status and status.calibrated_time_ns else "",
+        "who": made.who if made else "",
+        "battery": number_format.battery(row.battery_percent, t, charging=row.charging),
+        "result": rows(made, None) if made else (),
+    }
 
 
 def past(story: Story, device: str) -> History:

@@ -29,15 +29,11 @@ from estimator.config.dashboard import Dashboard
 from estimator.config.device_settings import Treatment, treatment
 from estimator.config.people_file import with_people
 from estimator.config.schema import Ward
-from estimator.web import device_topics, guide_topics, receipt_topic, topics, ward_topics
 from estimator.web.app import application
 from estimator.web.broadcast import Broadcast
-from estimator.web.hub import Hub
 from estimator.web.listener import CONNECTIONS, Listener, room
 from estimator.web.site import Desk
 from estimator.web.ward_state import Known
-
-__all__ = ["Server", "device_topics", "guide_topics", "receipt_topic", "run", "ward_topics"]
 
 log = logging.getLogger(__name__)
 
@@ -71,14 +67,9 @@ class Server:
         connections: int = CONNECTIONS,
         people: Path | None = None,
     ) -> None:
-        known, hub = Known(ward), Hub()
-        self.desk = Desk(known, hub, settings, store, treatment, people)
-        self._ward = ward
-        self._sources = topics.Sources(known, treatment=self.desk.treatment)
-        self._broadcast = Broadcast(hub, self._sources)
+        self.desk = Desk(Known(ward), settings, store, treatment, people)
+        self._broadcast = Broadcast(self.desk)
         self.app = application(self.desk, self._broadcast)
-        self._address = listening(settings.listen)
-        self._settings = settings
         self.uvicorn = Listener(
             self.app,
             behind_proxy=settings.behind_proxy,
@@ -89,13 +80,14 @@ class Server:
 
     async def serve(self) -> None:
         """Serve until `stop`. Raises OSError if the address, or the certificate for TLS, cannot be used."""
+        settings = self.desk.settings
         try:
             self.uvicorn.config.load()
         except OSError as error:
-            files = f"{self._settings.certificate} and {self._settings.key}"
+            files = f"{settings.certificate} and {settings.key}"
             why = os_errors.why(error)
             raise OSError(f"dashboard: certificate and key for TLS, {files}, cannot be used: {why}") from error
-        host, port = self._address
+        host, port = listening(settings.listen)
         family = socket.AF_INET6 if ":" in host else socket.AF_INET
         try:
             listener = socket.create_server((host, port), family=family, backlog=128)
@@ -104,16 +96,15 @@ class Server:
             raise OSError(f"dashboard: cannot listen on {host}:{port}: {why}; --listen takes another") from error
         log.info(
             "the dashboard of ward %s is at %s",
-            self._ward,
-            _place(host, listener.getsockname()[1], tls=bool(self._settings.certificate)),
+            self.desk.known.ward,
+            _place(host, listener.getsockname()[1], tls=bool(settings.certificate)),
         )
         with listener, supervised():
             await self.uvicorn.serve([listener])
 
     def use(self, ward: Ward) -> None:
         """Apply the changed settings of the ward file to the running dashboard."""
-        self._sources.treatment = treatment(ward.estimator)
-        self.desk.use(ward.dashboard, self._sources.treatment)
+        self.desk.use(ward.dashboard, treatment(ward.estimator))
         self.desk.known.alert_settings = ward.alerts
 
     def stop(self) -> None:
@@ -126,9 +117,8 @@ class Server:
 
         Called in the event loop.
         """
-        commands, client = Client(ward=self._ward, bus=control), Client(ward=self._ward, bus=data)
-        self._broadcast.connect(client, commands)
-        self.desk.control, self.desk.feeds.client = commands, client
+        ward = self.desk.known.ward
+        self._broadcast.connect(Client(ward=ward, bus=data), Client(ward=ward, bus=control))
 
 
 def _place(host: str, port: int, *, tls: bool) -> str:

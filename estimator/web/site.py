@@ -4,14 +4,14 @@ import asyncio
 import logging
 import secrets
 import time
-from collections import defaultdict
 from collections.abc import Callable, Iterable
 from contextlib import closing
+from dataclasses import replace
 from functools import partial
 from http import HTTPStatus
 from math import ceil
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 from unicodedata import category
 
 from starlette.concurrency import run_in_threadpool
@@ -20,6 +20,7 @@ from starlette.requests import HTTPConnection, Request
 from bridge.bus.contract import BusError
 from bridge.reasons.codes import Code
 from bridge.toml.loader import ConfigError
+from bridge.wire.keys import boot_id
 from bridge.wire.messages import Calibration, CommandReply, Placement
 from bridge.wire.placement import MAX_WEARER, placement
 from bridge.wire.refusal import Refusal
@@ -29,7 +30,9 @@ from estimator.config.dashboard import Dashboard, Person
 from estimator.config.device_settings import Treatment
 from estimator.config.people_file import with_people
 from estimator.database import StoreError
+from estimator.guide.guide import Guide
 from estimator.service import history
+from estimator.service.history import History
 from estimator.service.store_reader import StoreReader
 from estimator.web import cookie
 from estimator.web.client_address import neighbourhood
@@ -40,12 +43,11 @@ from estimator.web.passwords import Passwords
 from estimator.web.sessions import Session, Sessions
 from estimator.web.shared_work import SharedWork
 from estimator.web.stream.feeds import Feeds
-from estimator.web.ward_state import CALIBRATIONS, Known, Story
+from estimator.web.ward_state import Known, Story
 
 log = logging.getLogger(__name__)
-T = TypeVar("T")
 
-#: how long a device's data from the store is taken as complete, s
+#: how long what was read of a device from the store is used, s
 PAST_S = 30.0
 #: how long a chart is reused, s: drawing one costs a third of a second of a core
 DRAWN_S = 5.0
@@ -62,13 +64,12 @@ class Desk:
     def __init__(
         self,
         known: Known,
-        hub: Hub,
         settings: Dashboard,
         store: Path | None = None,
         treatment: Treatment | None = None,
         people: Path | None = None,
     ) -> None:
-        self.known, self.hub, self.settings = known, hub, settings
+        self.known, self.hub, self.settings = known, Hub(), settings
         self.treatment = treatment or Treatment()
         self.sessions = Sessions(settings.session_hours * 3600, settings.idle_minutes * 60)
         #: one-time links with which people choose their passwords
@@ -77,16 +78,14 @@ class Desk:
         self._people = people
         #: subscriptions of programs that read the stream
         self.feeds = Feeds()
-        #: client for commands, on its own bus session; None until a router is first connected
+        #: client for data, and one for commands on a bus session of its own; None until a router is first connected
+        self.client: Client | None = None
         self.control: Client | None = None
         self._attempts, self._passwords = Attempts(), Passwords(settings.people)
         self._one_at_a_time = asyncio.Lock()
-        #: charts by device, and all stored calibrations by device
-        self.pictures, self._listed = SharedWork[bytes](DRAWN_S), SharedWork[list[Calibration]](PAST_S)
+        #: charts, and what the store has, by device
+        self.pictures, self._pasts = SharedWork[bytes](DRAWN_S), SharedWork[History](PAST_S)
         self._store = store
-        #: held while a device's past is read from the store
-        self._reading = defaultdict[str, asyncio.Lock](asyncio.Lock)
-        self._past_at: dict[str, float] = {}
 
     def use(self, settings: Dashboard, treatment: Treatment) -> None:
         """Apply changed settings. The sessions of people who left, or whose password changed, end."""
@@ -168,6 +167,12 @@ class Desk:
             raise Fault(HTTPStatus.NOT_FOUND, "unknown_device", device=device[:64], names=there)
         return story
 
+    def guide(self, device: str) -> Guide:
+        """Make the guide of a device's calibration, with the settings of the device."""
+        story = self.known.stories.get(device)
+        knobs = self.treatment.of(device, story.info.model if story and story.info else "")
+        return Guide(knobs.method, knobs.stillness, horizontal=knobs.horizontal_turns)
+
     async def ask(self, device: str, verb: str, who: str, words: str | Placement = "") -> CommandReply:
         """Send a command to the estimator and return its reply.
 
@@ -197,48 +202,29 @@ class Desk:
             log.warning("%s: no answer to %s: %s", device, verb, error)
             raise Fault(HTTPStatus.SERVICE_UNAVAILABLE, "no_answer") from error
 
-    async def remember(self, device: str) -> None:
-        """Add the store's data of a known device to the ward's state, unless it was read in the last PAST_S seconds.
+    async def past(self, request: Request, device: str) -> list[Calibration]:
+        """Return all calibrations of a known device, oldest first: those heard, and older ones from the store.
 
-        A store that cannot be read is logged. Raises Fault for an unknown device.
+        Adds what the store has of the device to the ward's state; that is read again after PAST_S seconds. A store that
+        cannot be read is logged. Raises Fault for an unknown device.
         """
-        self.story(device)
-        if self._store is None or not self._store.is_file() or self._fresh(device):
-            return
-        async with self._reading[device]:  # later requests wait for the same read
-            if self._fresh(device):
-                return
+        story, store, stored = self.story(device), self._store, list[Calibration]()
+        if store is not None and store.is_file():
             try:
-                past = partial(history.read, device=device)
-                self.known.take_past(await run_in_threadpool(_read, self._store, past))
+                past = await self._pasts.get(request, device, partial(_read, store, device, boot_id(story.boot)))
+                self.known.take_past(past)
+                stored.extend(past.calibrations)
             except (StoreError, OSError) as error:
-                log.warning("the store %s cannot be read: %s", self._store, error)
-            self._past_at[device] = time.monotonic()
-
-    def _fresh(self, device: str) -> bool:
-        return time.monotonic() - self._past_at.get(device, -PAST_S) < PAST_S
-
-    async def calibrations(self, request: Request, device: str) -> list[Calibration]:
-        """Return all calibrations of a device, oldest first: those heard, and older ones from the store.
-
-        Raises Fault for an unknown device.
-        """
-        await self.remember(device)
-        heard = self.story(device).calibrations
-        store = self._store
-        if len(heard) < CALIBRATIONS or store is None or not store.is_file():
-            return list(heard.values())
-        try:
-            stored = await self._listed.get(request, device, lambda: _read(store, lambda one: one.calibrations(device)))
-        except (StoreError, OSError) as error:
-            log.warning("the store %s cannot be read: %s", self._store, error)
-            stored = []
-        return sorted(({one.id: one for one in stored} | heard).values(), key=lambda one: one.time_ns)
+                log.warning("the store %s cannot be read: %s", store, error)
+        found = {one.id: one for one in stored} | story.calibrations
+        return sorted(found.values(), key=lambda one: one.time_ns)
 
 
-def _read(path: Path, what: Callable[[StoreReader], T]) -> T:
+def _read(path: Path, device: str, boot: str) -> History:
+    """Read what pages show of a device from the store: of its bias only that of one boot, which may be long enough."""
     with closing(StoreReader.reading(path)) as store:
-        return what(store)
+        found = history.read(store, device)
+    return replace(found, commands=(), biases=[one for one in found.biases if one.boot == boot])
 
 
 def placed(segment: str, side: str, wearer: str) -> Placement:

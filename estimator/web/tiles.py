@@ -55,7 +55,6 @@ class Tile:
     rate: str
     gaps: str
     battery: str
-    battery_low: bool
     temperature: str
     turns: str
     rebooted: str
@@ -70,11 +69,11 @@ class Tile:
 class AlertLine:
     """A standing alert in words.
 
-    id: subject and kind; device: its device, empty for an estimator; seen: who acknowledged it.
+    subject: device or estimator; seen: who acknowledged it.
     """
 
-    id: str
-    device: str
+    subject: str
+    kind: str
     words: str
     since: str
     seen: str
@@ -88,12 +87,8 @@ class WardPage:
     lists the devices that wait for turns by hand. `counts` holds name, tone, number and word of each state.
     """
 
-    ward: str
     count: str
     title: str
-    time_ns: int
-    connected: bool
-    tracking: int
     of: int
     counts: Sequence[tuple[str, str, int, str]]
     troubles: Sequence[str]
@@ -106,19 +101,15 @@ class WardPage:
 def ward_page(known: Known, now: float, now_ns: int, t: Texts) -> WardPage:
     """Build the present content of the ward page. now: monotonic time in s; now_ns: time since the Unix epoch in ns."""
     quiet = known.alert_settings.quiet(datetime.fromtimestamp(now_ns / 1e9).astimezone())
-    alerts = [_alert(*one, known, now_ns, t) for one in known.alerts(now)]
+    alerts = [_alert(*one, now_ns, t) for one in known.alerts(now)]
     rows = known.rows(now)
     tiles = [tile(row, known.stories[row.device], now, now_ns, t) for row in rows]
     counts = [(state, TONES[state], sum(row.state == state for row in rows), word(state, t)) for state in URGENCY]
     tracking = sum(row.state == TRACKING for row in rows)
     count = t("ward.count", tracking=tracking, of=len(rows))
     return WardPage(
-        ward=known.ward,
         count=count,
         title=f"{t('ward.tracking', count=count)} · {known.ward}",
-        time_ns=now_ns,
-        connected=known.connected,
-        tracking=tracking,
         of=len(rows),
         counts=counts,
         troubles=troubles(known, t),
@@ -129,11 +120,11 @@ def ward_page(known: Known, now: float, now_ns: int, t: Texts) -> WardPage:
     )
 
 
-def _alert(subject: str, placement: Placement | None, alert: Alert, known: Known, now_ns: int, t: Texts) -> AlertLine:
+def _alert(subject: str, placement: Placement | None, alert: Alert, now_ns: int, t: Texts) -> AlertLine:
     where = worn(placement, t)
     return AlertLine(
-        id=f"{subject}/{alert.kind}",
-        device=subject if subject in known.stories else "",
+        subject=subject,
+        kind=alert.kind,
         words=t.text((sentence(alert.kind, f"{subject} ({where})" if where else subject),)),
         since=number_format.ago(alert.since_ns, now_ns, t),
         seen=t("alert.seen", who=alert.who) if alert.acknowledged_ns else "",
@@ -178,7 +169,6 @@ def tile(row: DeviceRow, story: Story, now: float, now_ns: int, t: Texts) -> Til
         rate=number_format.rate(measured_hz or row.rate_hz, told_hz, t),
         gaps=number_format.gaps(row.gaps, row.missing_samples, t) if status else "",
         battery=number_format.battery(row.battery_percent, t, charging=row.charging),
-        battery_low=row.low_battery,
         temperature=number_format.temperature(status.temperature_c) if status else "",
         turns="".join(AXES[axis] if axis in status.axes_done else "·" for axis in range(3))
         if status and calibrating

@@ -1,109 +1,70 @@
-"""Topics that a page can watch: `ward`, `rates`, `bias`, `device/<id>`, `attitude/<id>`, `trace/<id>`. Made when first watched.
+"""Topics that a page can watch, such as `ward@zh` or `trace/chest`: the frames of each are made once for all its viewers.
 
-A topic with words is named with its language, as `ward@zh`; without a language it is English.
+A topic's name has its kind, for topics of a device `/` and the device id, and for topics with words `@` and a language;
+without a language the words are English.
 
 A text frame is JSON with its topic in `topic`. A binary frame begins with the topic's name: its length as one byte, the
 name, zeros up to a multiple of eight bytes. Numbers are little-endian.
 """
 
-from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
-from typing import Any
+from collections.abc import Iterable
+from typing import Any, ClassVar
 
 import msgspec
 
-from bridge.wire.keys import ID
-from estimator.client import Client
-from estimator.config.device_settings import Treatment
-from estimator.language.texts import LANGUAGES, Texts, texts
+from estimator.client import Client, Stream
+from estimator.language.texts import LANGUAGES, texts
 from estimator.web.hub import Frame
-from estimator.web.ward_state import Known
+from estimator.web.site import Desk
+from estimator.web.ward_state import Story
 
 
-@dataclass(slots=True)
-class Sources:
-    """What topics take their content from: ward state, device settings, and the bus client.
-
-    client: None until a router is first connected.
-    """
-
-    known: Known
-    client: Client | None = None
-    treatment: Treatment = field(default_factory=Treatment)
-
-
-class Topic(ABC):
+class Topic:
     """Content that pages watch under one name. All methods are called from the event loop and must be quick.
 
     In all of them, now is monotonic time in s, and now_ns the time since the Unix epoch in ns.
     """
 
+    #: a device id follows in the name: the topic exists for devices that have been heard of
+    of_a_device: ClassVar[bool] = False
+    #: the topic has words, so it exists in every language
+    worded: ClassVar[bool] = False
     #: interval between calls of `frames`, s
-    period_s = 1.0
+    period_s: ClassVar[float] = 1.0
 
-    def __init__(self, topic: str, sources: Sources) -> None:
-        self._topic, self._known = topic, sources.known
-        self._device, self._t = device_of(topic), texts_of(topic)
+    def __init__(self, topic: str, desk: Desk) -> None:
+        self._topic, self._desk, self._known = topic, desk, desk.known
+        self._device, self._t = device_of(topic), texts(topic.partition("@")[2] or LANGUAGES[0])
+        #: subscriptions of the topic, which end with it
+        self._streams: list[Stream[Any]] = []
 
-    @abstractmethod
-    def whole(self, now: float, now_ns: int) -> Iterable[Frame]:
-        """Return the frames of the whole present content, which a new viewer needs first."""
+    def whole(self, now: float, now_ns: int) -> Iterable[Frame]:  # noqa: ARG002 - for topics that need it
+        """Return the frames of the whole present content, which a new viewer needs first; by default none."""
+        return ()
 
     def frames(self, now: float, now_ns: int) -> Iterable[Frame]:
         """Return the new frames for all viewers, called every period_s; by default the whole content."""
         return self.whole(now, now_ns)
 
-    def close(self) -> None:  # noqa: B027 - most topics have nothing to release
-        """Release the topic's subscriptions when nobody watches it any more."""
+    def close(self) -> None:
+        """End the topic's subscriptions when nobody watches it any more."""
+        for stream in self._streams:
+            stream.close()
 
+    @property
+    def _client(self) -> Client:
+        assert self._desk.client is not None, "messages of a device have come by it"
+        return self._desk.client
 
-Make = Callable[[str, Sources], Topic]
-#: maker of a topic, by the first part of the topic's name; `/<id>` follows for topics of a device
-KINDS: dict[str, Make] = {}
-OF_A_DEVICE: set[str] = set()
-#: kinds with words, which exist in every language
-WORDED: set[str] = set()
-
-
-def kind(name: str, *, of_a_device: bool = False, worded: bool = False) -> Callable[[Make], Make]:
-    """Class decorator: register a kind of topic under `name`, the first part of its topics' names.
-
-    of_a_device: `/<id>` follows the name. worded: the topic has words, so it exists in every language.
-    """
-
-    def add(make: Make) -> Make:
-        KINDS[name] = make
-        if of_a_device:
-            OF_A_DEVICE.add(name)
-        if worded:
-            WORDED.add(name)
-        return make
-
-    return add
-
-
-def exists(topic: str) -> bool:
-    """Whether a topic of this name exists: its kind, its language, and a well-formed device id."""
-    bare, at, language = topic.partition("@")
-    name, slash, device = bare.partition("/")
-    spoken = name in WORDED and language in LANGUAGES if at else True
-    return name in KINDS and spoken and (bool(ID.match(device)) if name in OF_A_DEVICE else not slash)
-
-
-def kind_of(topic: str) -> str:
-    """Return the kind of a topic: the first part of its name."""
-    return topic.partition("@")[0].partition("/")[0]
+    @property
+    def _story(self) -> Story | None:
+        """Everything known of the topic's device; None once it is forgotten."""
+        return self._known.stories.get(self._device)
 
 
 def device_of(topic: str) -> str:
     """Return the device id in a topic's name; empty for topics of the ward."""
     return topic.partition("@")[0].partition("/")[2]
-
-
-def texts_of(topic: str) -> Texts:
-    """Return the texts in the language of a topic's name; English without one."""
-    return texts(topic.partition("@")[2] or LANGUAGES[0])
 
 
 def text(topic: str, content: Any) -> str:

@@ -19,19 +19,6 @@ BACK_S = 1.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Points:
-    """n points: host time (n,) s; raw, corrected and its std (n, 3) rad/s, NaN where there is none."""
-
-    time_s: Floats
-    raw: Floats
-    corrected: Floats
-    std: Floats
-
-    def __len__(self) -> int:
-        return len(self.time_s)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class Pair:
     """n samples of one boot, raw and corrected: device and host time (n,) s, rates (n, 3) rad/s.
 
@@ -56,7 +43,7 @@ class Traces:
         self._raw: deque[tuple[float, SampleBatch]] = deque(maxlen=_WAITING)
         self._corrected: deque[CorrectedBatch] = deque(maxlen=_WAITING)
         self._latest = 0, -np.inf  # boot and device time
-        self._kept: deque[Points] = deque(maxlen=_WAITING)
+        self._kept: deque[Floats] = deque(maxlen=_WAITING)
 
     def take(self, now: float, raw: list[SampleBatch], corrected: list[CorrectedBatch]) -> list[Pair]:
         """Pair the batches received by monotonic time `now` (s), in order of the readings.
@@ -79,23 +66,20 @@ class Traces:
                 self._corrected.popleft()
         return found
 
-    def points(self, pairs: list[Pair]) -> Points | None:
+    def points(self, pairs: list[Pair]) -> Floats | None:
         """Thin new pairs to points of at most about POINTS_HZ a second, and keep them; None if there are no pairs.
 
-        Pairs that come late in device time are left out.
+        (n, 10): host time in s; raw, corrected and its std in rad/s, x, y, z, NaN where there is none. Pairs that come
+        late in device time are left out.
         """
-        pairs = [pair for pair in pairs if not self._late(pair)]
-        if not pairs:
+        rows = [np.column_stack([one.time_s, one.raw, one.corrected, one.std]) for one in pairs if not self._late(one)]
+        if not rows:
             return None
-        columns = [
-            np.concatenate([getattr(pair, name) for pair in pairs]) for name in ("time_s", "raw", "corrected", "std")
-        ]
-        time = columns[0]
-        found = Points(*_thinned(columns, 2 + 2 * round(max(0.0, time[-1] - time[0]) * POINTS_HZ / 2)))
-        if self._kept and time[-1] < self._kept[-1].time_s[-1] - BACK_S:
+        found = _thinned(np.concatenate(rows))
+        if self._kept and found[-1, 0] < self._kept[-1][-1, 0] - BACK_S:
             self._kept.clear()
         self._kept.append(found)
-        while len(self._kept) > 1 and time[-1] - self._kept[0].time_s[0] > KEPT_S:
+        while len(self._kept) > 1 and found[-1, 0] - self._kept[0][0, 0] > KEPT_S:
             self._kept.popleft()
         return found
 
@@ -106,12 +90,9 @@ class Traces:
             self._latest = pair.boot, float(pair.device_s[-1])
         return late
 
-    def kept(self) -> Points | None:
-        """Return the points of the last KEPT_S seconds, or None."""
-        if not self._kept:
-            return None
-        columns = [np.concatenate([getattr(one, name) for one in self._kept]) for name in Points.__slots__]
-        return Points(*columns)
+    def kept(self) -> Floats | None:
+        """Return the points (n, 10) of the last KEPT_S seconds, or None."""
+        return np.concatenate(self._kept) if self._kept else None
 
 
 def _end(batch: SampleBatch | CorrectedBatch) -> int:
@@ -135,15 +116,12 @@ def _pair(batch: SampleBatch, answers: list[CorrectedBatch]) -> Pair:
     return Pair(batch.boot, *times, batch.gyro.astype(float), corrected, std, bias, bias_std, accel)
 
 
-def _thinned(columns: list[Floats], points: int) -> list[Floats]:
-    """At most `points` points: minimum, then maximum of every column of each stretch; times are unchanged."""
-    time, *values = columns
-    if len(time) <= points:
-        return columns
-    edges = np.linspace(0, len(time), points // 2 + 1).astype(int)
-    first, last = edges[:-1], edges[1:] - 1
-    found: list[Floats] = [np.stack([time[first], time[last]], axis=1).ravel()]
-    for column in values:
-        least, most = np.fmin.reduceat(column, first), np.fmax.reduceat(column, first)
-        found.append(np.stack([least, most], axis=1).reshape(-1, 3))
-    return found
+def _thinned(rows: Floats) -> Floats:
+    """Minimum, then maximum of every column of each stretch, where there are more rows than points; times are unchanged."""
+    stretches = 1 + round(max(0.0, rows[-1, 0] - rows[0, 0]) * POINTS_HZ / 2)
+    if len(rows) <= 2 * stretches:
+        return rows
+    edges = np.linspace(0, len(rows), stretches + 1).astype(int)
+    least, most = np.fmin.reduceat(rows, edges[:-1]), np.fmax.reduceat(rows, edges[:-1])
+    least[:, 0], most[:, 0] = rows[edges[:-1], 0], rows[edges[1:] - 1, 0]
+    return np.stack([least, most], axis=1).reshape(-1, rows.shape[1])

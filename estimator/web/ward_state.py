@@ -4,6 +4,7 @@ Pure: `now` is monotonic time in s.
 """
 
 from collections import deque
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 
 from bridge.reasons.codes import Code, Sentences
@@ -86,17 +87,17 @@ class Story:
         """Present boot number; 0 when unknown."""
         return self.status.boot if self.status else self.info.boot if self.info else 0
 
-    def take_calibration(self, calibration: Calibration) -> None:
-        """Add a calibration, accepted or rejected; known or too old ones change nothing."""
-        if calibration.id in self.calibrations:
-            return
-        found = sorted((*self.calibrations.values(), calibration), key=lambda one: one.time_ns)
-        in_use = [one for one in found[:-CALIBRATIONS] if self.status is not None and one.id == self.status.calibration]
-        self.calibrations = {one.id: one for one in (*in_use, *found[-CALIBRATIONS:])}
-        if calibration.id not in self.calibrations:
-            return
-        accepted = calibration.verdict is Verdict.ACCEPTED
-        self.trail.mark(Mark(calibration.time_ns, "calibrated" if accepted else "refused", calibration.reason))
+    def take_calibrations(self, calibrations: Iterable[Calibration]) -> None:
+        """Add calibrations, accepted or rejected; known or too old ones change nothing."""
+        all_of_them = {one.id: one for one in (*calibrations, *self.calibrations.values())}
+        found = sorted(all_of_them.values(), key=lambda one: one.time_ns)
+        in_use = self.status.calibration if self.status is not None else ""
+        kept = [*(one for one in found[:-CALIBRATIONS] if one.id == in_use), *found[-CALIBRATIONS:]]
+        for one in kept:
+            if one.id not in self.calibrations:
+                kind = "calibrated" if one.verdict is Verdict.ACCEPTED else "refused"
+                self.trail.mark(Mark(one.time_ns, kind, one.reason))
+        self.calibrations = {one.id: one for one in kept}
 
     def take_note(self, note: Note) -> None:
         """Add a person's note, and mark it in the trail; a repeat changes nothing."""
@@ -224,13 +225,11 @@ class Known:
             return
         if (story := self.story(info.device)) is None:
             return
-        hears = story.hears(info.bridge)
-        if hears and (info.boot or story.info is None or story.info.bridge == info.bridge):
-            story.info = info
-        if hears and info.boot and info.boot not in story.boots:
+        self._view.take_info(info)
+        story.info = self._view.info(info.device)
+        if info is story.info and info.boot and story.hears(info.bridge):
             what = f"{info.model} {info.firmware}".strip()
             story.take_boot(Boot(info.boot, info.time_ns, _CAUSES[info.boot_cause], what))
-        self._view.take_info(info)
         self._news += 1
 
     def take_owned(self, owned: Owned, now: float) -> None:
@@ -255,7 +254,7 @@ class Known:
     def take_calibration(self, calibration: Calibration) -> None:
         """Add a published calibration to its device."""
         if (story := self.story(calibration.device)) is not None:
-            story.take_calibration(calibration)
+            story.take_calibrations([calibration])
 
     def take_note(self, note: Note) -> None:
         """Add a published note to its device."""
@@ -271,8 +270,7 @@ class Known:
         """Add a device's history from the store: calibrations, boots and bias. An unknown device is left out."""
         if (story := self.stories.get(past.device)) is None:
             return
-        for calibration in reversed(past.calibrations):  # latest first: those too old come last and leave no marks
-            story.take_calibration(calibration)
+        story.take_calibrations(past.calibrations)
         for row in past.boots:
             cause = _CAUSES.get(BootCause[row["cause"]], "") if row["cause"] in BootCause.__members__ else ""
             story.take_boot(

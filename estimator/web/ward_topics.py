@@ -1,16 +1,16 @@
 """Topics of the ward page: tiles in words, present rate of each device, and bias over time."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
 from bridge.wire.codec import Rates
+from bridge.wire.messages import Floats
 from estimator.client import Stream
 from estimator.web import topics
 from estimator.web.hub import Frame
-from estimator.web.rate_strips import Strips
+from estimator.web.site import Desk
 from estimator.web.tiles import ward_page
-from estimator.web.topics import Sources
 
 #: interval of rate frames, s: about 17 a second, no more often than a bridge sends
 RATES_S = 0.06
@@ -18,48 +18,54 @@ RATES_S = 0.06
 SPARKS, SPARKS_S = 40, 1200.0
 
 
-@topics.kind("ward", worded=True)
 class WardTopic(topics.Topic):
     """Content of the ward page with all tiles, sent whole every second, so that a lost frame costs nothing."""
+
+    worded = True
 
     def whole(self, now: float, now_ns: int) -> Iterable[Frame]:
         """Yield the present content of the ward page as one text frame."""
         yield topics.text(self._topic, ward_page(self._known, now, now_ns, self._t))
 
 
-@topics.kind("rates")
 class RatesTopic(topics.Topic):
     """Magnitude of each device's rate: minimum and maximum since the last frame, by device number."""
 
     period_s = RATES_S
 
-    def __init__(self, topic: str, sources: Sources) -> None:
-        super().__init__(topic, sources)
-        self._strips = Strips()
-        self._rates: Stream[Rates] | None = sources.client.rates() if sources.client else None
-
-    def whole(self, now: float, now_ns: int) -> Iterable[Frame]:  # noqa: ARG002 - starts with the next samples
-        """Return no frames: the topic starts with the next samples."""
-        return ()
+    def __init__(self, topic: str, desk: Desk) -> None:
+        super().__init__(topic, desk)
+        self._streams: list[Stream[Rates]] = [desk.client.rates()] if desk.client else []
 
     def frames(self, now: float, now_ns: int) -> Iterable[Frame]:  # noqa: ARG002 - of a topic
         """Yield one binary frame with the rates since the last one.
 
         float64 server time in s; float32 minimum and maximum of |rate| in °/s by device number, NaN when silent.
         """
-        if self._rates is None:
-            return
         numbers = {name: story.number for name, story in self._known.stories.items()}
-        found = self._strips.take(self._rates.drain(), numbers)
-        yield topics.binary(self._topic, np.float64(now_ns / 1e9).tobytes() + found.astype("<f4").tobytes())
-
-    def close(self) -> None:
-        """Close the subscription to rates."""
-        if self._rates is not None:
-            self._rates.close()
+        for stream in self._streams:
+            found = extremes(stream.drain(), numbers).astype("<f4")
+            yield topics.binary(self._topic, np.float64(now_ns / 1e9).tobytes() + found.tobytes())
 
 
-@topics.kind("bias")
+def extremes(batches: Sequence[Rates], numbers: Mapping[str, int]) -> Floats:
+    """Return (n, 2) minimum and maximum of the rate's magnitude in °/s by device number; NaN for silent devices.
+
+    numbers: number of each device; devices without a number are left out.
+    """
+    found = np.full((max(numbers.values(), default=-1) + 1, 2), np.nan)
+    known = [batch for batch in batches if batch.device in numbers]
+    if not known:
+        return found
+    rates = np.concatenate([batch.rate for batch in known])
+    speed = np.degrees(np.sqrt(np.einsum("ij,ij->i", rates, rates)))
+    edges = np.cumsum([0, *(len(batch.rate) for batch in known[:-1])])
+    where = np.array([numbers[batch.device] for batch in known])
+    np.fmin.at(found[:, 0], where, np.minimum.reduceat(speed, edges))
+    np.fmax.at(found[:, 1], where, np.maximum.reduceat(speed, edges))
+    return found
+
+
 class BiasTopic(topics.Topic):
     """Bias of each device over time, at even intervals, for small charts."""
 
@@ -71,7 +77,7 @@ class BiasTopic(topics.Topic):
         float64 span in s; by device number float32 (SPARKS, 6): bias and std, x, y, z, °/s; NaN where unknown.
         """
         trails = [story.trail for story in self._known.stories.values()]
-        first_ns = min((int(trail.times_ns[0]) for trail in trails if len(trail)), default=now_ns)
+        first_ns = min((int(trail.times_ns[0]) for trail in trails if trail.times_ns.size), default=now_ns)
         begin_ns = max(first_ns, now_ns - round(SPARKS_S * 1e9))
         columns = np.degrees(np.array([trail.spread(SPARKS, begin_ns, now_ns)[:, :6] for trail in trails]))
         yield topics.binary(

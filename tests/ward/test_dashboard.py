@@ -10,7 +10,8 @@ from estimator.demo.ward import Ward
 from estimator.service import history
 from estimator.service.store_reader import StoreReader
 from tests.ward.parts import living
-from tests.web.conftest import OUT, PASSWORD, PEOPLE
+from tests.web.asking import PASSWORD, PEOPLE
+from tests.web.conftest import OUT
 
 pytestmark = [pytest.mark.ward, pytest.mark.xdist_group("ward"), pytest.mark.timeout(300)]
 NAME = "wrist"

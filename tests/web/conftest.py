@@ -7,22 +7,22 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import pytest
-from argon2 import PasswordHasher
 from playwright.sync_api import Browser, ConsoleMessage, Dialog, Page, Request
 
 from estimator.config.dashboard import Dashboard, Person
 from estimator.demo.ward import free_port
 from estimator.web.serve import Server
+from tests.estimator.device.test_correction import CALIBRATION
 from tests.memory_bus import MemoryBroker, MemoryBus
-from tests.web.talk import WARD, Talk
+from tests.web.asking import PEOPLE, Asking
+from tests.web.talk import WARD, Talk, about, said
 
-PASSWORD = "correct horse battery"
-# A hash of little effort: the tests are not about how long one takes.
-PEOPLE = (Person(name="nurse", password=PasswordHasher(time_cost=1, memory_cost=64).hash(PASSWORD)),)
 OUT = Path(__file__).parents[2] / "out" / "screenshots"
+AXE = (Path(__file__).parent / "vendor" / "axe.min.js").read_text(encoding="utf-8")
+SERIOUS = ("serious", "critical")
 
 
 @dataclass(slots=True)
@@ -62,6 +62,16 @@ def served(people: tuple[Person, ...] = PEOPLE, store: Path | None = None, **set
 
 
 @pytest.fixture
+def asking() -> Iterator[Asking]:
+    """A dashboard in this process that has heard of one device."""
+    made = Asking()
+    with made.client:
+        made.hear(about("chest", boot=5), said("chest", boot=5, time_ns=time.time_ns(), calibration=CALIBRATION.id))
+        yield made
+    made.talk.hush()
+
+
+@pytest.fixture
 def site() -> Iterator[Site]:
     """One of its own for each test."""
     made = served()
@@ -98,19 +108,39 @@ def page(browser: Browser, site: Site) -> Iterator[Page]:
     assert unexpected == []
 
 
-@pytest.fixture
-def shot(page: Page) -> Callable[[str], None]:
-    """Keep a picture of the page as it is, by day and by night, wide and narrow, where TRUERATE_PICTURES asks for it."""
+class Look:
+    """Looks at the page as it is: axe finds nothing serious, by day on a wide screen and by night on a narrow one.
 
-    def keep(name: str) -> None:
-        if not os.environ.get("TRUERATE_PICTURES"):
-            return
-        OUT.mkdir(parents=True, exist_ok=True)
-        for scheme in ("light", "dark"):
-            for width, height in ((1280, 900), (320, 740)):
-                page.emulate_media(color_scheme=scheme)
-                page.set_viewport_size({"width": width, "height": height})
+    Where TRUERATE_PICTURES asks for it, a picture of each is kept.
+    """
+
+    def __init__(self, page: Page) -> None:
+        self._page, self._pictures = page, bool(os.environ.get("TRUERATE_PICTURES"))
+        if self._pictures:
+            OUT.mkdir(parents=True, exist_ok=True)
+
+    def __call__(self, name: str = "", *, axe: bool = True) -> None:
+        """Look; name: of the pictures, if any are to be kept. axe: False only keeps pictures."""
+        page, size = self._page, self._page.viewport_size
+        ways: tuple[tuple[Literal["light", "dark"], int, int], ...] = (("light", 1280, 900), ("dark", 320, 900))
+        for scheme, width, height in ways if axe or self._pictures else ():
+            page.emulate_media(color_scheme=scheme)
+            page.set_viewport_size({"width": width, "height": height})
+            assert page.evaluate("document.documentElement.scrollWidth") <= width, f"the page is wider than {width}"
+            if self._pictures and name:
                 page.screenshot(path=OUT / f"{name}-{scheme}-{width}.png", full_page=width == 320)
-        page.set_viewport_size({"width": 1280, "height": 900})
+            if axe:
+                page.evaluate(AXE)
+                found = page.evaluate("axe.run(document, { resultTypes: ['violations'] })")["violations"]
+                wrong = {
+                    one["id"]: [node["html"] for node in one["nodes"]][:3] for one in found if one["impact"] in SERIOUS
+                }
+                assert not wrong, f"{scheme} {width}: {wrong}"
+        if size is not None:
+            page.set_viewport_size(size)
 
-    return keep
+
+@pytest.fixture
+def look(page: Page) -> Look:
+    """Looks at the test's page."""
+    return Look(page)

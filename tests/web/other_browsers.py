@@ -8,7 +8,7 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from itertools import count
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
 import httpx2
 from websockets.sync.client import connect
@@ -19,24 +19,8 @@ T = TypeVar("T")
 _PATIENCE_S = 30.0
 
 
-class Browser(Protocol):
-    """A browser with one page. `close` ends it."""
-
-    def goto(self, url: str) -> None:
-        """Open a page, and wait until it is loaded."""
-
-    def evaluate(self, expression: str) -> Any:
-        """The value of a JavaScript expression, as JSON has it."""
-
-    def errors(self) -> list[str]:
-        """Errors that scripts have written to the console so far."""
-
-    def close(self) -> None:
-        """End the browser."""
-
-
 class Firefox:
-    """Firefox without a screen."""
+    """Firefox without a screen, with one page. `errors` are those that scripts have written to the console so far."""
 
     needs = "firefox-esr"
 

@@ -16,7 +16,7 @@ from tests.web.talk import Talk, about
 class Played:
     """Bridge, estimator and hand of one device. `play` lets the hand go on; commands of pages are obeyed meanwhile."""
 
-    def __init__(self, talk: Talk, speed: float = 4.0) -> None:
+    def __init__(self, talk: Talk, speed: float = 20.0) -> None:
         self._talk, self._speed, self._lock = talk, speed, threading.Lock()
         self._boot = 0
         self.session = DeviceSession(NAME)

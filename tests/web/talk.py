@@ -43,6 +43,12 @@ def about(device: str, **changes: Any) -> DeviceInfo:
     return replace(info(), device=device, **changes)
 
 
+def until(met: Callable[[], object]) -> None:
+    """Wait until it is so; the time limit of the test ends a wait in vain."""
+    while not met():
+        time.sleep(0.01)
+
+
 class Talk:
     """Publishers of a bridge and an estimator, who are alive as long as it is open."""
 

@@ -10,10 +10,12 @@ import pytest
 
 from bridge.wire.messages import Note
 from estimator.client import Client
-from estimator.web import topics
+from estimator.config.dashboard import Dashboard
+from estimator.web import topic_kinds
 from estimator.web.broadcast import AGAIN_S, LINGER_S, Broadcast
-from estimator.web.hub import WAITING, Frame, Hub, Viewer
-from estimator.web.topics import Sources
+from estimator.web.hub import WAITING, Frame, Viewer
+from estimator.web.site import Desk
+from estimator.web.topics import Topic
 from estimator.web.ward_state import Known
 from estimator.web.ward_topics import SPARKS
 from tests.memory_bus import MemoryBroker, MemoryBus
@@ -35,14 +37,14 @@ def taken(viewer: Viewer) -> list[Frame]:
     return asyncio.run(take())
 
 
-class Counted:
+class Counted(Topic):
     """A topic that counts how often its frames are made, and fails when told."""
 
-    period_s = 1.0
-    made = begun = ended = 0
+    made = begun = 0
     fails = False
 
-    def __init__(self, topic: str, sources: Sources) -> None:
+    def __init__(self, topic: str, desk: Desk) -> None:
+        super().__init__(topic, desk)
         type(self).begun += 1
 
     def whole(self, now: float, now_ns: int) -> Iterable[Frame]:
@@ -54,20 +56,20 @@ class Counted:
         type(self).made += 1
         yield f"frame {self.made}"
 
-    def close(self) -> None:
-        type(self).ended += 1
 
-
-@pytest.fixture
-def counted(monkeypatch: pytest.MonkeyPatch) -> type[Counted]:
-    fresh = type("Fresh", (Counted,), {})
-    monkeypatch.setitem(topics.KINDS, "counted", fresh)
+def counted_as(kind: str, monkeypatch: pytest.MonkeyPatch) -> type[Counted]:
+    fresh = type("Fresh", (Counted,), {"of_a_device": kind == "trace"})
+    monkeypatch.setitem(topic_kinds.KINDS, kind, fresh)
     return fresh
 
 
-def test_a_frame_is_made_once_for_all_and_a_slow_one_loses_its_own(counted: type[Counted]) -> None:
-    hub = Hub()
-    broadcast = Broadcast(hub, Sources(Known(WARD)))
+@pytest.fixture
+def desk() -> Desk:
+    return Desk(Known(WARD), Dashboard())
+
+
+def test_a_frame_is_made_once_for_all_and_a_slow_one_loses_its_own(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
+    counted, hub, broadcast = counted_as("counted", monkeypatch), desk.hub, Broadcast(desk)
     viewers = [hub.add() for _ in range(50)]
     for viewer in viewers:
         hub.watch(viewer, ["counted"])
@@ -83,50 +85,46 @@ def test_a_frame_is_made_once_for_all_and_a_slow_one_loses_its_own(counted: type
 
 
 def test_nothing_is_begun_for_a_device_that_was_never_heard_and_nothing_is_kept_of_it(
-    monkeypatch: pytest.MonkeyPatch,
+    desk: Desk, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    fresh: type[Counted] = type("Fresh", (Counted,), {})
-    monkeypatch.setitem(topics.KINDS, "trace", fresh)
-    hub, sources = Hub(), Sources(Known(WARD))
-    broadcast, viewer = Broadcast(hub, sources), hub.add()
+    fresh, hub = counted_as("trace", monkeypatch), desk.hub
+    broadcast, viewer = Broadcast(desk), hub.add()
     for i in range(100):
         hub.watch(viewer, [f"trace/ghost-{i}"])
         broadcast.step(float(i), 0)
     assert fresh.begun == 0
-    assert [*broadcast._topics, *broadcast._last_watched, *broadcast._due] == []
+    assert [*broadcast._running, *broadcast._again] == []
     assert list(hub.newcomers) == ["trace/ghost-99"]
-    sources.known.story("ghost-99")
+    desk.known.story("ghost-99")
     broadcast.step(100.0, 0)
     assert fresh.begun == 1
     assert taken(viewer) == ["whole"]
 
 
-def test_one_address_leaves_room_for_the_topics_of_others(monkeypatch: pytest.MonkeyPatch) -> None:
-    fresh: type[Counted] = type("Fresh", (Counted,), {})
-    monkeypatch.setitem(topics.KINDS, "trace", fresh)
+def test_one_address_leaves_room_for_the_topics_of_others(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
+    counted_as("trace", monkeypatch)
     monkeypatch.setattr("estimator.web.broadcast.TOPICS", 6)
-    hub, sources = Hub(), Sources(Known(WARD))
-    broadcast, greedy, more, other = Broadcast(hub, sources), hub.add("1"), hub.add("1"), hub.add("2")
+    hub = desk.hub
+    broadcast, greedy, more, other = Broadcast(desk), hub.add("1"), hub.add("1"), hub.add("2")
     for name in "abcdefgh":
-        sources.known.story(name)
+        desk.known.story(name)
     hub.watch(greedy, [f"trace/{name}" for name in "abc"])
     broadcast.step(0.0, 0)
     hub.watch(greedy, ())  # what it has left counts, too, as long as it is kept
     hub.watch(more, [f"trace/{name}" for name in "def"])
     hub.watch(other, ["trace/d", "trace/g"])
     broadcast.step(1.0, 0)
-    assert set(broadcast._topics) == {f"trace/{name}" for name in "abcdg"}
+    assert set(broadcast._running) == {f"trace/{name}" for name in "abcdg"}
     broadcast.step(1.0 + LINGER_S, 0)
     broadcast.step(1.0 + LINGER_S + AGAIN_S, 0)
-    assert set(broadcast._topics) == {f"trace/{name}" for name in "defg"}
+    assert set(broadcast._running) == {f"trace/{name}" for name in "defg"}
 
 
 def test_a_topic_that_fails_is_told_begun_anew_and_harms_no_other(
-    counted: type[Counted], caplog: pytest.LogCaptureFixture
+    desk: Desk, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    hub = Hub()
-    broadcast = Broadcast(hub, Sources(Known(WARD)))
-    viewer = hub.add()
+    counted, hub = counted_as("counted", monkeypatch), desk.hub
+    broadcast, viewer = Broadcast(desk), hub.add()
     hub.watch(viewer, ["counted", "ward"])
     broadcast.step(0.0, 0)
     counted.fails = True
@@ -140,9 +138,9 @@ def test_a_topic_that_fails_is_told_begun_anew_and_harms_no_other(
     assert any('"topic":"ward"' in str(frame) for frame in taken(viewer))
 
 
-def test_what_a_page_is_told_can_be_read_as_it_is_described() -> None:
-    broker, hub, sources = MemoryBroker(), Hub(), Sources(Known(WARD))
-    talk, broadcast = Talk(broker), Broadcast(hub, sources)
+def test_what_a_page_is_told_can_be_read_as_it_is_described(desk: Desk) -> None:
+    broker, hub = MemoryBroker(), desk.hub
+    talk, broadcast = Talk(broker), Broadcast(desk)
     broadcast.connect(Client(ward=WARD, bus=MemoryBus(broker)), Client(ward=WARD, bus=MemoryBus(broker)))
     talk(said("chest", boot=1, time_ns=S, bias=(0.1, 0.2, 0.3)), Note("chest", 1, S, "nurse", "sat up"))
     viewer = hub.add()
@@ -158,7 +156,7 @@ def test_what_a_page_is_told_can_be_read_as_it_is_described() -> None:
         else:
             name = frame[1 : 1 + frame[0]].decode()
             binary[name] = frame[(len(name) + 8) // 8 * 8 :]
-    assert text["device/chest"]["notes"][0]["words"] == "sat up"
+    assert text["device/chest"]["notes"][0][2] == "sat up"
     assert np.frombuffer(binary["rates"], "<f4")[2:].tolist() == pytest.approx([np.degrees(1.0)] * 2)
     n = len(binary["trace/chest"]) // 44
     trace = np.frombuffer(binary["trace/chest"], "<f4", offset=8 * n).reshape(3, n, 3)

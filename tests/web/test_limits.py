@@ -3,18 +3,16 @@
 import logging
 import socket
 import time
-from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from argon2 import PasswordHasher
 from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
 
 from bridge.wire.messages import Note
-from estimator.config.dashboard import Dashboard, Person
+from estimator.config.dashboard import Dashboard
 from estimator.config.schema import Ward
 from estimator.service.store import Store
 from estimator.web import hub, listener, live
@@ -23,21 +21,11 @@ from estimator.web.login_attempts import FREE
 from estimator.web.serve import Server
 from estimator.web.ward_state import CALIBRATIONS
 from tests.estimator.device.test_correction import CALIBRATION
-from tests.web.conftest import PASSWORD, PEOPLE, Site, served
-from tests.web.talk import WARD, about, said
-from tests.web.test_http import BEARER, LIVE, URL, Asking, error
+from tests.web.asking import BEARER, LIVE, PASSWORD, PEOPLE, SCRIPT, URL, Asking, error
+from tests.web.conftest import Site, served
+from tests.web.talk import WARD, said, until
 
-SCRIPT = Person(name="script", password=PasswordHasher(time_cost=1, memory_cost=64).hash("a token of its own"))
 RIGHT = {"name": "nurse", "password": PASSWORD}
-
-
-@pytest.fixture
-def asking() -> Iterator[Asking]:
-    made = Asking(people=(*PEOPLE, SCRIPT))
-    with made.client:
-        made.hear(about("chest", boot=5), said("chest", boot=5, time_ns=time.time_ns()))
-        yield made
-    made.talk.hush()
 
 
 # ---- passwords ----------------------------------------------------------------------------------------------------------
@@ -76,7 +64,8 @@ def test_under_tls_no_other_host_can_set_the_cookie(asking: Asking) -> None:
 
 
 @pytest.mark.parametrize(
-    "origin", ["http://[::1", "http://[", "https://127.0.0.1:8090", "http://127.0.0.1:8090/x", "null", ""]
+    "origin",
+    ["http://evil.example", "http://[::1", "http://[", "https://127.0.0.1:8090", "http://127.0.0.1:8090/x", "null", ""],
 )
 def test_an_origin_that_is_not_ours_is_refused_whatever_it_looks_like(asking: Asking, origin: str) -> None:
     answer = asking.client.post("/login", data=RIGHT, headers={"Origin": origin})
@@ -89,8 +78,15 @@ def test_an_origin_that_is_not_ours_is_refused_whatever_it_looks_like(asking: As
         pass
 
 
+def test_a_form_that_another_site_sends_is_refused(asking: Asking) -> None:
+    for site, code in (("cross-site", 403), ("same-site", 403), ("same-origin", 303)):
+        assert asking.client.post("/login", data=RIGHT, headers={"Sec-Fetch-Site": site}).status_code == code
+    for host in ("localhost:1", "[::1]:8090"):
+        assert asking.client.get("/", headers={"Host": host}).status_code == 200
+
+
 @pytest.mark.parametrize(
-    "host", ["x@localhost", "1.2.3.4:99999", "localhost/x", "localhost?x", "[::1", "", "1.2.3.4:x"]
+    "host", ["x@localhost", "1.2.3.4:99999", "localhost/x", "localhost?x", "[::1", "", "1.2.3.4:x", "evil.example"]
 )
 def test_a_host_that_is_none_is_refused(asking: Asking, host: str) -> None:
     assert asking.client.get("/", headers={"Host": host}).status_code == 400
@@ -151,13 +147,6 @@ def test_wishes_have_a_pace() -> None:
 # ---- connections --------------------------------------------------------------------------------------------------------
 
 
-@pytest.fixture
-def site() -> Iterator[Site]:
-    made = served()
-    yield made
-    made.stop()
-
-
 def connected(site: Site) -> socket.socket:
     made = socket.create_connection(("127.0.0.1", int(site.url.rpartition(":")[2])))
     made.settimeout(20)
@@ -216,8 +205,7 @@ def test_who_does_not_read_the_answer_is_let_go(site: Site, monkeypatch: pytest.
                 deaf.send(request)
             except (BlockingIOError, ConnectionError):
                 time.sleep(0.01)
-    while site.server.uvicorn.server_state.connections:
-        time.sleep(0.01)
+    until(lambda: not site.server.uvicorn.server_state.connections)
 
 
 def test_a_client_that_is_gone_leaves_no_traceback(site: Site, caplog: pytest.LogCaptureFixture) -> None:
@@ -225,10 +213,8 @@ def test_a_client_that_is_gone_leaves_no_traceback(site: Site, caplog: pytest.Lo
     with caplog.at_level(logging.INFO):
         with closing(connected(site)) as gone:
             gone.sendall(HEAD.encode() + b"\r\nname=")
-            while not state.tasks:
-                time.sleep(0.01)
-        while state.tasks or state.connections:
-            time.sleep(0.01)
+            until(lambda: state.tasks)
+        until(lambda: not (state.tasks or state.connections))
     assert [record for record in caplog.records if record.exc_info] == []
 
 
@@ -243,8 +229,7 @@ def test_one_address_has_so_many_connections_and_is_told(
     assert caplog.text.count("a connection is refused: 3 are open from 127.0.0.1") == 1
     for one in many:
         one.close()
-    while site.server.uvicorn.server_state.connections:
-        time.sleep(0.01)
+    until(lambda: not site.server.uvicorn.server_state.connections)
     assert said_to(site, "GET / HTTP/1.1\r\nHost: localhost\r\n\r\n").startswith("HTTP/1.1 200")
 
 
@@ -303,7 +288,6 @@ def test_old_calibrations_have_certificates_and_push_nothing_out(tmp_path: Path)
             answer = client.get(f"/devices/chest/calibrations/{name}/certificate")
             assert answer.status_code == 200
             assert "There is no earlier calibration to compare it with." not in answer.text
-        server.desk._past_at.clear()
         assert client.get("/devices/chest").status_code == 200
         for path in ("/devices/nobody/calibrations/x/certificate", "/api/v1/devices/nobody/calibrations"):
             assert client.get(path).status_code == 404

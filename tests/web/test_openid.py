@@ -13,7 +13,8 @@ from bridge.toml.loader import ConfigError
 from estimator.config.dashboard import Dashboard, OpenId
 from estimator.demo.ward import free_port
 from estimator.web.serve import Server
-from tests.web.conftest import PEOPLE, Site, served
+from tests.web.asking import PEOPLE
+from tests.web.conftest import Site, served
 from tests.web.talk import WARD
 
 with warnings.catch_warnings():

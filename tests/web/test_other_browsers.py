@@ -9,8 +9,9 @@ import pytest
 
 from bridge.wire.messages import State
 from tests.estimator.stream import NAME
+from tests.web import talk
 from tests.web.conftest import Site
-from tests.web.other_browsers import Browser, Firefox, WebKit
+from tests.web.other_browsers import Firefox, WebKit
 from tests.web.played import Played
 from tests.web.talk import said
 from tests.web.test_browser import now_ns, rates, ward
@@ -20,7 +21,7 @@ pytestmark = [pytest.mark.xdist_group("browser"), pytest.mark.timeout(120)]
 
 
 @pytest.fixture(params=[Firefox, WebKit])
-def other(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Browser]:
+def other(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Firefox | WebKit]:
     if not request.param.there():
         pytest.skip(f"{request.param.__name__} is not here; `apt-get install {request.param.needs}` brings it")
     made = request.param(tmp_path)
@@ -28,7 +29,7 @@ def other(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Browser]:
     made.close()
 
 
-def until(browser: Browser, expression: str, wanted: Any) -> None:
+def until(browser: Firefox | WebKit, expression: str, wanted: Any) -> None:
     """Until an expression has this value."""
     end, found = time.monotonic() + 20, None
     while time.monotonic() < end:
@@ -42,7 +43,7 @@ def text(selector: str) -> str:
     return f"document.querySelector({selector!r})?.textContent.trim()"
 
 
-def test_ward_device_and_guide(other: Browser, site: Site) -> None:
+def test_ward_device_and_guide(other: Firefox | WebKit, site: Site) -> None:
     names = ward(site, 6)
     other.goto(f"{site.url}/?lang=en")
     until(other, text("h1"), "6 of 6 tracking")
@@ -54,16 +55,15 @@ def test_ward_device_and_guide(other: Browser, site: Site) -> None:
     until(other, "document.getElementById('signals').open", wanted=True)
     drawn = """[...document.querySelectorAll("#rates canvas")].some((canvas) =>
       canvas.width && canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data.some((value) => value))"""
-    for _ in range(10):
-        rates(site, names[1], 1.0)
-        time.sleep(0.5)
+    for k in range(100):
+        rates(site, names[1], 0.5, 0.5 * k)
+        time.sleep(0.1)
         if other.evaluate(drawn):
             break
     assert other.evaluate(drawn)
     played = Played(site.talk)
     played.switch_on(rests_between(turn(2), turn(0), turn(1)))
-    while NAME not in site.server.desk.known.stories:
-        time.sleep(0.05)
+    talk.until(lambda: NAME in site.server.desk.known.stories)
     other.goto(f"{site.url}/devices/{NAME}/calibrate")
     until(other, text("#do"), PLACE)
     played.play_piece(0)

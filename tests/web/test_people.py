@@ -20,7 +20,7 @@ from estimator.cli.main import main
 from estimator.config.schema import Ward
 from estimator.demo.ward import free_port
 from estimator.web.serve import Server
-from tests.web.conftest import PASSWORD, PEOPLE
+from tests.web.asking import PASSWORD, PEOPLE
 from tests.web.talk import WARD
 
 URL = "http://127.0.0.1:8090"

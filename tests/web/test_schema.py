@@ -14,9 +14,8 @@ from schemathesis.core.result import Ok
 
 from estimator.web.api import openapi
 from estimator.web.stream import request
-from tests.web.conftest import PASSWORD
+from tests.web.asking import PASSWORD, Asking
 from tests.web.talk import about, said
-from tests.web.test_http import Asking
 
 pytestmark = [
     pytest.mark.xdist_group("schema"),

@@ -26,7 +26,7 @@ from estimator.web.stream import feeds
 from estimator.web.stream.documents import document
 from estimator.web.stream.request import Asked
 from tests.web.conftest import Site, served
-from tests.web.talk import WARD, about, said
+from tests.web.talk import WARD, about, said, until
 
 RATE_HZ, N = 100.0, 5
 #: of a device that was switched on long before: its first samples are gone
@@ -58,8 +58,7 @@ def site() -> Iterator[Site]:
 def _hear(site: Site, *names: str) -> None:
     for name in names:
         site.talk(about(name, boot=5), said(name, boot=5, time_ns=time.time_ns()))
-    while not set(names) <= set(site.server.desk.known.stories):
-        time.sleep(0.01)
+    until(lambda: set(names) <= set(site.server.desk.known.stories))
 
 
 def poll(site: Site, **asked: Any) -> dict[str, Any]:
@@ -187,9 +186,7 @@ def test_a_reader_that_cannot_follow_is_told_what_it_missed(site: Site, monkeypa
     site.talk(batch("chest", 0))
     after = poll(site, device="chest", after="")["after"]
     site.talk(*(batch("chest", k) for k in range(1, 31)))
-    deadline = time.monotonic() + 10
-    while time.monotonic() < deadline and site.server.desk.feeds._feeds["chest"].kept.end < 31:
-        time.sleep(0.01)
+    until(lambda: site.server.desk.feeds._feeds["chest"].kept.end >= 31)
     missed, *documents = poll(site, device="chest", after=after)["documents"]
     first = FIRST + N
     assert missed == {"type": "missed", "device": "chest", "boot": "0000000000000005", "first": first, "count": 20 * N}
@@ -213,13 +210,8 @@ def test_nothing_is_subscribed_while_nobody_reads(site: Site, monkeypatch: pytes
     subscriptions = site.buses[0].broker.subscriptions
     before = len(subscriptions)
     with socket_of(site, device=["chest", "wrist"]), socket_of(site):
-        deadline = time.monotonic() + 10
-        while len(subscriptions) != before + 3 and time.monotonic() < deadline:
-            time.sleep(0.01)
-        assert len(subscriptions) == before + 3
-    while len(subscriptions) != before and time.monotonic() < deadline:
-        time.sleep(0.01)
-    assert len(subscriptions) == before
+        until(lambda: len(subscriptions) == before + 3)
+    until(lambda: len(subscriptions) == before)
 
 
 WRONG = [
@@ -235,8 +227,8 @@ WRONG = [
 
 @pytest.mark.parametrize(("query", "status", "words"), WRONG)
 def test_what_is_wrong_is_said_both_ways(site: Site, query: str, status: int, words: str) -> None:
-    while status == 404 and not site.server.desk.known.looked:
-        time.sleep(0.05)  # before that a device may still be heard of, and 503 says so
+    # Before that a device may still be heard of, and 503 says so.
+    until(lambda: status != 404 or site.server.desk.known.looked)
     with pytest.raises(HTTPError) as refused:
         urlopen(f"{site.url}/api/v1/stream?{query}", timeout=10)
     with refused.value as answer:
@@ -250,8 +242,7 @@ def test_what_is_wrong_is_said_both_ways(site: Site, query: str, status: int, wo
 def test_one_address_has_so_many_readers(site: Site, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(feeds, "OF_ONE_ADDRESS", 2)
     with socket_of(site, device="chest"), socket_of(site, device="chest"):
-        while sum(len(feed.readers) for feed in site.server.desk.feeds._feeds.values()) < 2:
-            time.sleep(0.01)
+        until(lambda: sum(len(feed.readers) for feed in site.server.desk.feeds._feeds.values()) >= 2)
         with pytest.raises(HTTPError) as refused:
             poll(site)
         with refused.value as answer:

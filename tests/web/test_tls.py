@@ -14,7 +14,8 @@ from bridge.pki.folder import Folder
 from bridge.pki.member import Member, Role
 from estimator.config.dashboard import Dashboard
 from estimator.web.serve import Server
-from tests.web.conftest import PASSWORD, served
+from tests.web.asking import PASSWORD
+from tests.web.conftest import served
 from tests.web.talk import WARD
 
 

@@ -17,9 +17,8 @@ from estimator.web.client_address import neighbourhood
 from estimator.web.cookie import NAME
 from estimator.web.login_attempts import ADDRESS_FREE, FORGET_S, FREE, NAME_FREE, Attempts
 from estimator.web.sessions import SESSIONS, Sessions
-from tests.web.conftest import PEOPLE
+from tests.web.asking import PEOPLE, Asking
 from tests.web.talk import about, said
-from tests.web.test_http import Asking
 
 
 def test_tries_are_forgiven_and_forgotten() -> None:

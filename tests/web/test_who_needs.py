@@ -41,7 +41,7 @@ def told(status: Status, info: DeviceInfo) -> dict[str, bool]:
         "page": tile.needs,
         "colour": tile.tone in ("ask", "bad"),
         "api": answers.device(row, known.stories[name]).needs_person,
-        "report": bool(reports.summary(known, 10.0, EN).needs),
+        "report": bool(reports.summary(known, 10.0, EN)["needs"]),
         "metrics": bool(metric.values[(name,)]),
     }
 

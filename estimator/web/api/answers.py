@@ -1,8 +1,6 @@
 """Response types of the HTTP API, in SI units; the OpenAPI document is generated from them. Pure."""
 
 from collections.abc import Sequence
-from datetime import UTC, datetime
-from math import isfinite
 from typing import Annotated, Literal
 
 import msgspec
@@ -17,6 +15,7 @@ from estimator.alerts.outbox import sentence
 from estimator.geometry.gyro_model import AXES
 from estimator.offline import calibration_file
 from estimator.overview.ward import TRACKING, DeviceRow, chosen
+from estimator.reports.history import iso
 from estimator.web.ward_state import Known, Story
 
 #: calibrations per response by default, and at most
@@ -287,7 +286,7 @@ def device(row: DeviceRow, story: Story) -> Device:
         axes_done=[AXES[axis] for axis in status.axes_done] if status else [],
         evidence_age_s=row.evidence_age_s,
         nis=(status.nis or None) if status else None,
-        temperature_c=_number(status.temperature_c) if status else None,
+        temperature_c=status.temperature_c if status else None,
         rate_hz=((info.measured_rate_hz if info else 0.0) or row.rate_hz) or None,
         told_rate_hz=(info.rate_hz or None) if info else None,
         gaps=row.gaps,
@@ -335,12 +334,3 @@ def _calibration(c: Calibration, in_use: str) -> OneCalibration:
         "in_use": c.id == in_use,
     }
     return msgspec.convert({**calibration_file.as_json(c), **about}, OneCalibration)
-
-
-def iso(time_ns: int) -> str:
-    """Format nanoseconds since the Unix epoch as an ISO 8601 time in UTC, with milliseconds."""
-    return datetime.fromtimestamp(time_ns / 1e9, UTC).isoformat(timespec="milliseconds")
-
-
-def _number(value: float) -> float | None:
-    return value if isfinite(value) else None

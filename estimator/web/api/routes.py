@@ -1,6 +1,5 @@
 """Routes of the HTTP API for programs, /api/v1."""
 
-import json
 import time
 from http import HTTPStatus
 from typing import Any, TypeVar
@@ -14,12 +13,11 @@ from starlette.routing import BaseRoute, Route
 from bridge.wire.keys import check_id
 from bridge.wire.messages import Placement
 from bridge.wire.refusal import Refusal
-from estimator.overview.ward import URGENCY, DeviceRow, chosen, listed
+from estimator.overview.ward import URGENCY, DeviceRow, listed, strangers
 from estimator.web import request_form
 from estimator.web.api import answers, openapi
-from estimator.web.commanding import commands
 from estimator.web.http_error import Fault
-from estimator.web.site import CHALLENGE, Desk, placed
+from estimator.web.site import CHALLENGE, VERBS, Desk, placed
 
 ROOT = "/api/v1"
 #: most words in ?only=, and most characters in a word; an id has at most 32
@@ -36,8 +34,8 @@ def routes() -> list[BaseRoute]:
         Route(f"{ROOT}/devices/{{device}}", device),
         Route(f"{ROOT}/devices/{{device}}/calibrations", calibrations),
         Route(f"{ROOT}/alerts", standing),
-        Route(f"{ROOT}/alerts/{{device}}/acknowledge", acknowledge, methods=["POST"]),
-        *commands(f"{ROOT}/devices/{{device}}", command),
+        Route(f"{ROOT}/alerts/{{device}}/acknowledge", command, methods=["POST"]),
+        *(Route(f"{ROOT}/devices/{{device}}/{verb}", command, methods=["POST"]) for verb in VERBS),
     ]
 
 
@@ -92,7 +90,7 @@ async def calibrations(request: Request) -> Response:
     """
     asked = known_parameters(request, "before", "limit")
     desk, name = Desk.of(request), _named(request)
-    found = await desk.calibrations(request, name)
+    found = await desk.past(request, name)
     before = asked.get("before")
     if before is not None:
         ids = [calibration.id for calibration in found]
@@ -119,8 +117,7 @@ def _nothing_like(word: str, rows: list[DeviceRow]) -> None:
         raise Fault(HTTPStatus.BAD_REQUEST, "bad_parameter", words)
     if not word:
         raise Fault(HTTPStatus.BAD_REQUEST, "bad_parameter", "'only' is empty; give a state or an id.")
-    state = word.lower().replace("-", " ").replace("_", " ") in URGENCY
-    if not (state or set(word) & set("*?") or chosen(rows, [word])):
+    if not set(word) & set("*?") and strangers(rows, [word]):
         heard = f"; heard are: {listed(row.device for row in rows)}" if rows else ""
         words = f"{word[:40]!r} is no state and no device; states are: {', '.join(URGENCY)}{heard}."
         raise Fault(HTTPStatus.NOT_FOUND, "unknown_device", words)
@@ -153,17 +150,12 @@ async def standing(request: Request) -> Response:
     return answer(answers.alerts(Desk.of(request).known, time.monotonic()))
 
 
-async def acknowledge(request: Request) -> Response:
-    """Acknowledge the alerts of a device or an estimator: the kind in `words`, or all without it."""
-    return await command(request, "acknowledge")
-
-
-async def command(request: Request, verb: str) -> Response:
-    """Send a command (one of VERBS, or acknowledge) to the estimator, and answer its reply as JSON.
+async def command(request: Request) -> Response:
+    """Send a command to the estimator, and answer its reply as JSON; the last part of the path is the command.
 
     Raises Fault: 401 or 403 without the right to command, 409 if the estimator refuses, 503 if it does not answer.
     """
-    desk = Desk.of(request)
+    desk, verb = Desk.of(request), request.scope["path"].rpartition("/")[2]
     known_parameters(request)
     who = await _who(desk, request)
     words: str | Placement
@@ -207,16 +199,4 @@ async def _body(request: Request, kind: type[T]) -> T:
     except msgspec.ValidationError as error:
         raise Fault(HTTPStatus.BAD_REQUEST, "bad_body", f"{error}.") from None
     except msgspec.DecodeError as error:
-        halved = "A \\u escape is half of a character: a surrogate without its other half."
-        raise Fault(HTTPStatus.BAD_REQUEST, "not_json", halved if _halved(body) else f"{error}.") from None
-
-
-def _halved(body: bytes) -> bool:
-    """Whether the body is JSON with an unpaired surrogate escape; msgspec reports only a premature end."""
-    try:
-        json.dumps(json.loads(body), ensure_ascii=False).encode()
-    except UnicodeEncodeError:
-        return True
-    except (ValueError, RecursionError):
-        return False
-    return False
+        raise Fault(HTTPStatus.BAD_REQUEST, "not_json", f"{error}.") from None

@@ -13,12 +13,16 @@ export function alerts(now) {
   place.hidden = now.alerts.length === 0;
   const there = new Map([...list.children].map((element) => [element.dataset.alert, element]));
   for (const one of now.alerts) {
-    const element = there.get(one.id) ?? template.content.firstElementChild.cloneNode(true);
-    there.delete(one.id);
-    element.dataset.alert = one.id;
+    const id = `${one.subject}/${one.kind}`, element = there.get(id) ?? template.content.firstElementChild.cloneNode(true);
+    there.delete(id);
+    element.dataset.alert = id;
     fill(element, one);
     const form = element.querySelector("form");
-    if (form) { form.elements.id.value = one.id; form.hidden = one.seen !== ""; }
+    if (form) {
+      form.setAttribute("action", `/devices/${one.subject}/acknowledge`);
+      form.elements.words.value = one.kind;
+      form.hidden = one.seen !== "";
+    }
     if (!element.isConnected) list.append(element);
   }
   for (const element of there.values()) element.remove();

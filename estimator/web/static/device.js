@@ -22,8 +22,8 @@ watch(spoken(`device/${id}`), (now) => {
   if ($("cancel")) $("cancel").disabled = !now.can_cancel;
   if ($("blocked")) say($("blocked"), now.blocked || page.dataset.hint);
   if (told !== now.tile.word) { if (told) say($("told"), `${id}: ${now.tile.word}. ${now.tile.reason}`); told = now.tile.word; }
-  rows("calibrations", now.calibrations, (c) => [c.when + (c.in_use ? ` ${page.dataset.inUse}` : ""), c.verdict, c.who, c.method, c.scale.join("\n"), c.bias.join("\n"), c.turns, c.reason], (c) => c.in_use);
-  for (const name of ["boots", "notes", "events"]) rows(name, now[name], (line) => [line.when, line.what, line.words]);
+  rows("calibrations", now.calibrations, ([used, [when, ...cells]]) => [when + (used ? ` ${page.dataset.inUse}` : ""), ...cells], ([used]) => used);
+  for (const name of ["boots", "notes", "events"]) rows(name, now[name], (line) => line);
   facts(now.facts);
 }, { must: true });
 let told = page.querySelector('[data-f="word"]').textContent;

@@ -120,23 +120,23 @@ class Feeds:
     """Subscriptions of a dashboard by device id, "" for the whole ward; each ends LINGER_S after its last reader."""
 
     def __init__(self) -> None:
-        #: None until a router is first connected
-        self.client: Client | None = None
         self._feeds: dict[str, Feed] = {}
         self._turn = asyncio.Lock()
         self._taking: asyncio.Task[None] | None = None
 
     @contextmanager
-    def reader(self, asked: Asked, address: str) -> Iterator[Reader]:
-        """Context with a reader of the devices asked for. address: the client's, by which readers are limited.
+    def reader(self, client: Client | None, asked: Asked, address: str) -> Iterator[Reader]:
+        """Context with a reader of the devices asked for. address: of the program, by which readers are limited.
+
+        client: subscribes; None until a router is first connected.
 
         Raises Fault if there are too many readers, or no router.
         """
-        if self.client is None:
+        if client is None:
             raise Fault(HTTPStatus.SERVICE_UNAVAILABLE, "no_router", headers={"Retry-After": "1"})
         names = asked.devices or ("",)
         self._check_room(names, address)
-        feeds = {name: self._feeds.get(name) or self._open(self.client, name) for name in names}
+        feeds = {name: self._feeds.get(name) or self._open(client, name) for name in names}
         reader = Reader(feeds, asked, address, self._turn)
         for feed in feeds.values():
             feed.readers.add(reader)

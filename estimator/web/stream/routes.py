@@ -35,7 +35,7 @@ def routes() -> list[BaseRoute]:
 async def poll(request: Request) -> Response:
     """Answer the next samples as JSON, at the latest after ?wait_s= seconds, possibly none. Raises Fault."""
     asked = _asked(request, "wait_s")
-    with Desk.of(request).feeds.reader(asked, _address(request)) as reader:
+    with _reader(request, asked) as reader:
         await reader.begin()
         documents = await reader.read(document, MOST, asked.wait_s)
         after = [said(device, place) for device, place in reader.places.items()]
@@ -50,7 +50,7 @@ async def stream(socket: WebSocket) -> None:
     await socket.accept()
     try:
         asked = _asked(socket, "format")
-        with Desk.of(socket).feeds.reader(asked, _address(socket)) as reader:
+        with _reader(socket, asked) as reader:
             sending = asyncio.create_task(_send(socket, reader, protobuf=asked.protobuf))
             try:
                 while (await socket.receive())["type"] != "websocket.disconnect":
@@ -85,5 +85,6 @@ def _asked(connection: HTTPConnection, own: str) -> Asked:
     return asked
 
 
-def _address(connection: HTTPConnection) -> str:
-    return neighbourhood(connection.client.host if connection.client else "")
+def _reader(connection: HTTPConnection, asked: Asked) -> contextlib.AbstractContextManager[Reader]:
+    desk, address = Desk.of(connection), neighbourhood(connection.client.host if connection.client else "")
+    return desk.feeds.reader(desk.client, asked, address)

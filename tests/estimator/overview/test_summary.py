@@ -2,8 +2,6 @@
 
 from dataclasses import replace
 
-import pytest
-
 from bridge.reasons.catalogue import english
 from bridge.reasons.codes import Code
 from bridge.wire.messages import DeviceInfo, Quality, State, Status
@@ -76,12 +74,6 @@ def test_the_most_urgent_comes_first() -> None:
     ]
     assert not seen.well
     assert (seen.devices, seen.tracking) == (6, 1)
-
-
-@pytest.mark.parametrize(("percent", "charging", "needs"), [(9.0, False, 1), (9.0, True, 0), (50.0, False, 0)])
-def test_a_battery_that_runs_out(percent: float, charging: bool, needs: int) -> None:
-    found = infos("a", battery_percent=percent, charging=charging)
-    assert len(summarise("w", statuses(a=State.TRACKING), found, ["bridge"], ["e"]).needs) == needs
 
 
 def test_a_broken_law_is_trouble() -> None:

@@ -22,15 +22,20 @@ from tests.web.talk import WARD, Talk, about
 from tests.web.test_guide import rests_between, turn
 
 
+def terminal() -> tuple[Console, io.StringIO]:
+    file = io.StringIO()
+    return Console(file=file, width=100), file
+
+
 def guided(pieces: list[Piece], language: str = "en", skip: int = 0) -> tuple[int, str]:
     """What is printed while a hand does its pieces, from the one numbered `skip` on, and the exit code."""
     broker = MemoryBroker()
     talk = Talk(broker)
-    played = Played(talk, speed=20.0)
+    played = Played(talk)
     played.switch_on(pieces)
     if skip:
         played.play_piece(skip)
-    console = Console(file=io.StringIO(), width=100)
+    console, file = terminal()
     bus = MemoryBus(broker)
     found: list[int] = []
 
@@ -45,8 +50,7 @@ def guided(pieces: list[Piece], language: str = "en", skip: int = 0) -> tuple[in
     played.play(played._ends[-1] - played._time_s + 2.0)
     thread.join(60)
     talk.close()
-    assert isinstance(console.file, io.StringIO)
-    return found[0], console.file.getvalue()
+    return found[0], file.getvalue()
 
 
 def test_it_follows_the_hand_to_the_verdict() -> None:
@@ -71,23 +75,21 @@ def test_it_says_it_in_chinese() -> None:
 def test_what_somebody_else_asked_for_goes_on_and_that_is_said() -> None:
     broker = MemoryBroker()
     talk = Talk(broker)
-    Played(talk, speed=20.0).switch_on([Still(3.0)])
-    console = Console(file=io.StringIO(), width=100)
+    Played(talk).switch_on([Still(3.0)])
+    console, file = terminal()
     with Client(ward=WARD, bus=MemoryBus(broker)) as client:
         assert calibrate(console, client, NAME, "nurse", texts("en"), seconds=1.0) == 1
     assert talk.asked == []
     talk.close()
-    assert isinstance(console.file, io.StringIO)
-    said = console.file.getvalue().splitlines()[-1]
+    said = file.getvalue().splitlines()[-1]
     assert said == f"Given up after 1 s. The calibration goes on; `truerate cancel chest --ward {WARD}` stops it."
 
 
 def test_a_device_nobody_hears_of() -> None:
-    console = Console(file=io.StringIO(), width=100)
+    console, file = terminal()
     with Client(ward=WARD, bus=MemoryBus(MemoryBroker())) as client:
         assert calibrate(console, client, "nobody", "nurse", texts("en"), seconds=0.2) == 1
-    assert isinstance(console.file, io.StringIO)
-    assert "Nothing is heard of it" in console.file.getvalue()
+    assert "Nothing is heard of it" in file.getvalue()
 
 
 @pytest.mark.parametrize("gone", [Talk.die, Talk.hush])
@@ -97,16 +99,15 @@ def test_what_the_ward_cannot_hear_is_no_fault_of_the_device(
     """Estimator and bridge are gone, or nothing is said any more."""
     broker = MemoryBroker()
     talk = Talk(broker)
-    played = Played(talk, speed=20.0)
+    played = Played(talk)
     played.switch_on([Still(3.0)])
-    console = Console(file=io.StringIO(), width=100)
+    console, file = terminal()
     monkeypatch.setattr(ward, "SILENT_S", 0.5)
     threading.Timer(0.5, gone, (talk,)).start()
     with Client(ward=WARD, bus=MemoryBus(broker)) as client:
         assert calibrate(console, client, NAME, "nurse", texts("en"), seconds=4.5) == 1
     talk.close()
-    assert isinstance(console.file, io.StringIO)
-    said = console.file.getvalue()
+    said = file.getvalue()
     assert said.index("Put it at the edge of the table") < said.index("The ward's computer does not answer")
     assert "The device is well" in said
 
@@ -116,12 +117,11 @@ def test_a_name_that_is_mistyped_is_answered_by_those_there_are(monkeypatch: pyt
     broker = MemoryBroker()
     talk = Talk(broker)
     talk(about("chest", boot=1), about("ankle", boot=1))
-    console = Console(file=io.StringIO(), width=100)
+    console, file = terminal()
     with Client(ward=WARD, bus=MemoryBus(broker)) as client:
         assert calibrate(console, client, "chset", "nurse", texts("en"), seconds=3.0) == 1
     talk.close()
-    assert isinstance(console.file, io.StringIO)
-    assert console.file.getvalue().count("No device chset was heard; there are: ankle, chest.") == 1
+    assert file.getvalue().count("No device chset was heard; there are: ankle, chest.") == 1
 
 
 @pytest.mark.parametrize(
