@@ -16,8 +16,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bridge.recording.column_files import AXES, rows_of
 from bridge.recording.error import RecordingError
-from bridge.recording.export import AXES, BEGIN, BOOT, events, make_folder, rows_of
+from bridge.recording.export import BEGIN, BOOT, events, make_folder
 from bridge.recording.files import check_new, new_file
 from bridge.recording.stretches import Recorded, Stretch
 
@@ -179,8 +180,8 @@ def _write(folder: Path, stem: str, stretch: Stretch, task: str, system: str) ->
     found = channels(stretch)
     paths = [folder / f"{stem}_{name}" for name in _FILES]
     with new_file(paths[0]) as file:
-        for rows in rows_of([channel.values for channel in found], _NONE):
-            file.write("".join("\t".join(row) + "\n" for row in rows).encode())
+        for _, text in rows_of([channel.values for channel in found], "\t", _NONE):
+            file.write(text.encode())
     _write_json(paths[1], sidecar(stretch, task, system))
     heads = [
         "name",
@@ -259,11 +260,8 @@ def _add_rows(path: Path, known: Sequence[str], rows: Sequence[Sequence[str]]) -
     had = {line.split("\t", 1)[0] for line in known}
     width = known[0].count("\t") + 1
     new = ["\t".join((*row, *[_NONE] * (width - len(row)))) for row in rows if row[0] not in had]
-    unfinished = path.with_name(f".{path.name}.new")
-    unfinished.unlink(missing_ok=True)
-    with unfinished.open("x", encoding="utf-8") as file:
-        file.writelines(line + "\n" for line in (*known, *new))
-    unfinished.replace(path)
+    with new_file(path, replace=True) as file:
+        file.write("".join(line + "\n" for line in (*known, *new)).encode())
 
 
 _README = """Recorded by truerate: each tracking system is one wearable IMU, each run one boot of it.

@@ -1,8 +1,8 @@
-"""One file of a recorder: writes messages to channels, and closes the file after an error."""
+"""MCAP file of a ward's messages, with a channel per key; and one file of a recorder, closed after an error."""
 
 from collections import Counter
 from pathlib import Path
-from typing import NamedTuple
+from typing import BinaryIO, NamedTuple
 
 from bridge.recording import message_kinds
 from bridge.recording.files import Output, with_part
@@ -29,19 +29,14 @@ class Item(NamedTuple):
     payload: bytes
 
 
-class RecordingFile:
-    """One MCAP file of a recorder, which gets a channel per key. Raises OSError if its beginning cannot be written.
+class WardFile:
+    """MCAP file of a ward's messages, which gets a channel per key. Raises OSError if its beginning cannot be written.
 
-    output: the open file. ward: id in the file's metadata. writer: for flush and finish. copies: for copies of samples.
+    ward: id in the file's metadata. writer: for flush and finish. copies: for copies of samples.
     """
 
-    def __init__(self, output: Output, ward: str) -> None:
-        self.output = output
-        try:
-            self.writer = McapWriter(output.file, ABOUT, {"ward": ward, "version": "1"})
-        except OSError:
-            output.discard()
-            raise
+    def __init__(self, file: BinaryIO, ward: str) -> None:
+        self.writer = McapWriter(file, ABOUT, {"ward": ward, "version": "1"})
         self.copies = CopyChannels(self.writer)
         self._channels: dict[str, int] = {}
         self._of_bridges = Counter[str]()
@@ -63,6 +58,18 @@ class RecordingFile:
             self._channels[item.key] = channel
         self.writer.add(channel, log_ns, item.own_ns, item.payload)
         return True
+
+
+class RecordingFile(WardFile):
+    """One file of a recorder. output: the open file, which is deleted if its beginning cannot be written."""
+
+    def __init__(self, output: Output, ward: str) -> None:
+        self.output = output
+        try:
+            super().__init__(output.file, ward)
+        except OSError:
+            output.discard()
+            raise
 
     def left(self, *, writable: bool) -> Path | None:
         """Close the file after an error and return its path; None if it held no message and was deleted.

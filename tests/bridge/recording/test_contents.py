@@ -12,8 +12,9 @@ from bridge.recording import load, message_kinds
 from bridge.recording.error import RecordingError
 from bridge.recording.files import Folder
 from bridge.recording.mcap_writer import McapWriter
-from bridge.recording.recorder import Knobs, WardRecorder
+from bridge.recording.recorder import WardRecorder
 from bridge.recording.recover import recover
+from bridge.recording.settings import Recorder
 from bridge.recording.stretches import read
 from bridge.recording.survey import survey
 from bridge.wire import codec, keys
@@ -23,7 +24,7 @@ from tests.sentences import free
 
 NOW = 1_790_000_000_000_000_000
 S = 1_000_000_000
-KNOBS = Knobs(keep_free_bytes=0, room_bytes=0, rotate_s=1e9)
+SETTINGS = Recorder(keep_free_mb=0, rotate="never")
 
 
 def at_ns(sequence: int) -> int:
@@ -49,7 +50,7 @@ def run(device: str, first: int, last: int, boot: int = 7, later_ns: int = 0) ->
 
 def recorded(folder: Path, *parts: list[Message]) -> list[Path]:
     """A file of each part."""
-    recorder = WardRecorder(Folder(folder, WARD), WARD, knobs=KNOBS)
+    recorder = WardRecorder(Folder(folder, WARD), WARD, SETTINGS)
     paths = []
     for number, part in enumerate(parts):
         recorder.begin(NOW + number * S, 0.0)
@@ -181,7 +182,7 @@ def test_what_cannot_be_recovered_is_said(tmp_path: Path) -> None:
 
 def test_a_file_that_is_being_written_is_left_alone(tmp_path: Path) -> None:
     folder = Folder(tmp_path, WARD)
-    recorder = WardRecorder(folder, WARD, knobs=KNOBS)
+    recorder = WardRecorder(folder, WARD, SETTINGS)
     recorder.begin(NOW, 0.0)
     recorder.take(run("one", 0, 50), NOW, 0.0)
     recorder.tick(NOW, 0.0)

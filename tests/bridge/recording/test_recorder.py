@@ -1,28 +1,30 @@
 """The recorder's core: what is recorded, when a file ends, and what it does when a file refuses."""
 
+import dataclasses
 import errno
 import logging
 import os
-from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from bridge.bus.contract import Message
 from bridge.recording import files
 from bridge.recording.mcap_reader import Entry, McapReader
 from bridge.recording.mcap_writer import MAX_CHANNELS
-from bridge.recording.recorder import Knobs, WardRecorder
+from bridge.recording.recorder import ROOM_BYTES, WardRecorder
 from bridge.recording.recording_file import MOST_OF_A_BRIDGE
+from bridge.recording.settings import Recorder
 from bridge.wire import codec, keys
 from bridge.wire.messages import Calibration, Note, Verdict
 from tests.bridge.recording.crowd import WARD, corrected, info, samples, status
 
 NOW = 1_790_000_000_000_000_000
 S = 1_000_000_000
-KNOBS = Knobs(rotate_s=10.0, rotate_bytes=1e9, keep_free_bytes=100.0, room_bytes=50.0)
+SETTINGS = Recorder(rotate="10s", rotate_mb=1.0, keep_free_mb=100.0)
 
 
 class Output(files.Output):
@@ -78,7 +80,7 @@ class Disk(files.Folder):
     def __init__(self) -> None:
         self.outputs: list[Output] = []
         self.error = 0
-        self.free = 1_000_000
+        self.free = 1_000_000_000
 
     def begin(self, wall_ns: int) -> Output:
         self.outputs.append(Output(Path(f"{len(self.outputs)}.mcap"), self))
@@ -102,7 +104,7 @@ def disk() -> Disk:
 
 @pytest.fixture
 def recorder(disk: Disk) -> WardRecorder:
-    made = WardRecorder(disk, WARD, knobs=KNOBS)
+    made = WardRecorder(disk, WARD, SETTINGS)
     made.begin(NOW, 0.0)
     return made
 
@@ -133,7 +135,7 @@ def test_payloads_are_as_they_came_under_the_messages_own_time(recorder: WardRec
     assert {entry.log_ns for entry in entries} == {entry.publish_ns for entry in entries} == {NOW - 3 * S}
     assert entries[1].facts == {"key": messages[1].key, "ward": WARD, "bridge": "bridge-1", "device": "one"}
     assert entries[1].schema == "truerate.v1.SampleBatch"
-    assert (recorder.account.raw, recorder.account.corrected, recorder.account.messages) == (5, 5, 5)
+    assert (recorder.account.raw, recorder.account.corrected) == (5, 5)
     assert recorder.account.heard == {"one": 0.0}
 
 
@@ -160,7 +162,7 @@ def test_what_is_not_understood_is_counted_and_not_written(
 
 
 def test_only_the_devices_that_are_wanted(disk: Disk) -> None:
-    recorder = WardRecorder(disk, WARD, ["two"], KNOBS)
+    recorder = WardRecorder(disk, WARD, replace(SETTINGS, devices=("two",)))
     recorder.begin(NOW, 0.0)
     recorder.take([*of_all_kinds("one"), raw("two", 0)], NOW, 0.0)
     recorder.close()
@@ -233,14 +235,14 @@ def test_a_full_disk_is_said_and_recording_goes_on_when_there_is_room(
 
 def test_a_disk_that_fills_up_ends_the_file_well_while_others_have_room(recorder: WardRecorder, disk: Disk) -> None:
     recorder.take([raw("one", 0)], NOW, 0.0)
-    disk.free = 99
+    disk.free = 99_000_000
     recorder.tick(NOW, 1.0)
     assert (disk.last.fate, len(disk.last.entries())) == ("finished", 1)
     assert "nearly full" in recorder.account.trouble
-    disk.free = 149
+    disk.free = 100_000_000 + round(ROOM_BYTES) - 1
     recorder.tick(NOW, 10.0)
     assert len(disk.outputs) == 1, "room for a moment is not enough to begin again"
-    disk.free = 150
+    disk.free += 1
     recorder.tick(NOW, 20.0)
     recorder.close()
     assert (len(disk.outputs), recorder.account.not_recorded) == (2, 0)
@@ -252,7 +254,7 @@ def test_a_bridge_that_makes_up_devices_leaves_room_for_those_of_others(
     made_up = [
         Message(
             keys.build(WARD, "info", bridge="b2", device=f"x{n}"),
-            codec.encode_info(replace(info(f"x{n}", NOW), bridge="b2")),
+            codec.encode_info(dataclasses.replace(info(f"x{n}", NOW), bridge="b2")),
         )
         for n in range(MAX_CHANNELS + 1)
     ]
@@ -273,7 +275,7 @@ def test_a_bridge_that_makes_up_devices_leaves_room_for_those_of_others(
 
 def test_other_devices_and_limits_are_taken_while_it_records(disk: Disk, recorder: WardRecorder) -> None:
     recorder.take([raw("chest", 0), raw("wrist", 0)], NOW, 0.0)
-    recorder.use(["wrist"], replace(KNOBS, rotate_s=1000.0))
+    recorder.use(replace(SETTINGS, devices=("wrist",), rotate="1h"))
     recorder.take([raw("chest", 1), raw("wrist", 1)], NOW + 20 * S, 20.0)
     recorder.tick(NOW + 20 * S, 20.0)
     assert len(disk.outputs) == 1, "20 s are not long any more"
@@ -281,11 +283,11 @@ def test_other_devices_and_limits_are_taken_while_it_records(disk: Disk, recorde
     assert [topic.rpartition("/")[2] for topic in disk.last.topics()] == ["chest", "wrist", "wrist"]
 
 
-def old_files(folder: Path, *names: str) -> None:
-    """Files of 1 MB, each an hour younger than the one before, the last an hour old at NOW."""
+def old_files(folder: Path, *names: str, size: int = 1_000_000) -> None:
+    """Files, each an hour younger than the one before, the last an hour old at NOW."""
     for number, name in enumerate(names):
         path = folder / name
-        path.write_bytes(bytes(1_000_000))
+        path.write_bytes(bytes(size))
         ended_ns = NOW - (len(names) - number) * 3600 * S
         os.utime(path, ns=(ended_ns, ended_ns))
 
@@ -295,14 +297,14 @@ OLD = [f"{WARD}-20260920T{hour:02d}0000Z.mcap" for hour in range(4)]
 
 @pytest.mark.parametrize(
     ("limits", "left", "why"),
-    [({"keep_s": 9000.0}, OLD[2:], "keep_days"), ({"keep_bytes": 3_200_000.0}, OLD[1:], "keep_gb"), ({}, OLD, "")],
+    [({"keep_days": 0.1}, OLD[2:], "keep_days"), ({"keep_gb": 0.0032}, OLD[1:], "keep_gb"), ({}, OLD, "")],
 )
 def test_the_oldest_finished_recordings_are_deleted_and_said(
     tmp_path: Path, caplog: pytest.LogCaptureFixture, limits: dict[str, float], left: list[str], why: str
 ) -> None:
     others = [f"{WARD}-20260101T000000Z.mcap.part", f"{WARD}-2-20260101T000000Z.mcap", f"{WARD}-notes.mcap"]
     old_files(tmp_path, *others, *OLD)
-    recorder = WardRecorder(files.Folder(tmp_path, WARD), WARD, knobs=replace(KNOBS, **limits))
+    recorder = WardRecorder(files.Folder(tmp_path, WARD), WARD, replace(SETTINGS, keep_free_mb=0, **limits))
     recorder.begin(NOW, 0.0)
     recorder.tick(NOW, 0.0)
     there = {path.name for path in tmp_path.iterdir()}
@@ -315,8 +317,8 @@ def test_the_oldest_finished_recordings_are_deleted_and_said(
 
 
 def test_the_file_under_way_counts_and_stays(tmp_path: Path) -> None:
-    old_files(tmp_path, *OLD)
-    recorder = WardRecorder(files.Folder(tmp_path, WARD), WARD, knobs=replace(KNOBS, keep_bytes=1.0))
+    old_files(tmp_path, *OLD, size=3_000_000)
+    recorder = WardRecorder(files.Folder(tmp_path, WARD), WARD, replace(SETTINGS, keep_free_mb=0, keep_gb=0.002))
     recorder.begin(NOW, 0.0)
     recorder.take([raw("chest", 0)], NOW, 0.0)
     recorder.tick(NOW, 0.0)
