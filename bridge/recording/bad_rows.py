@@ -88,12 +88,17 @@ def _filled(column: Floats, limit: float) -> Floats | None:
     """Interpolate bad rows of a column (n, c); None if too few rows are good."""
     if _within(column, limit):
         return column
-    good = (np.abs(column) <= limit).all(axis=1)
+    good = np.asarray((np.abs(column) <= limit).all(axis=1))
     beyond = np.isfinite(column).all(axis=1) & ~good
     if np.count_nonzero(good) < 2 or np.count_nonzero(beyond) > _MOST_BAD * len(column) or np.mean(good) < 0.02:
         return None
+    return np.stack([interpolated(axis, good) for axis in column.T], axis=1)
+
+
+def interpolated(column: Floats, good: NDArray[np.bool_]) -> Floats:
+    """Replace the values of a column (n,) that are not good by linear interpolation over the rows."""
     rows = np.arange(len(column))
-    return np.stack([np.interp(rows, rows[good], column[good, axis]) for axis in range(column.shape[1])], axis=1)
+    return np.interp(rows, rows[good], column[good])
 
 
 def _wrong_values(name: str, column: Floats, place: Place) -> str:
