@@ -117,6 +117,6 @@ def _write_mcap(file: BinaryIO, of: Stretch, *, per_sample: bool) -> None:
             flags=of.flags[part],
         )
         put("raw", at_ns, codec.encode_samples(batch))
-        for copy in copies.take(batch, at_ns * 1e-9) if per_sample else ():
-            out.copies.put(copy)
+        if per_sample:
+            out.copies.put(copies.take(batch, at_ns * 1e-9))
     out.writer.finish()

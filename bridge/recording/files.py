@@ -37,7 +37,9 @@ class Output:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.file: BinaryIO = open_new(with_part(path))
+        self.file: BinaryIO = with_part(path).open("xb", buffering=0)
+        with contextlib.suppress(OSError):  # some file systems have no locks
+            lock(self.file.fileno())
 
     def sync(self) -> None:
         """Wait until the written data is on the disk. Raises OSError if the file was removed meanwhile."""
@@ -146,14 +148,6 @@ def recorded_in(path: Path) -> str:
     return f"recorded in {path}" + (
         f": complete it with truerate recording recover {path}" if path.suffix == PART else ""
     )
-
-
-def open_new(path: Path) -> BinaryIO:
-    """Create a new file for writing, locked and unbuffered. Raises FileExistsError."""
-    file = path.open("xb", buffering=0)
-    with contextlib.suppress(OSError):  # some file systems have no locks
-        lock(file.fileno())
-    return file
 
 
 def check_new(paths: Iterable[Path]) -> None:

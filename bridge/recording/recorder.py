@@ -211,9 +211,8 @@ class WardRecorder:
         return False
 
     def _put_copies(self, copies: Iterable[Copy]) -> None:
-        for copy in copies:
-            if self._file is not None:
-                self._file.copies.put(copy)
+        if self._file is not None:
+            self._file.copies.put(copies)
 
     def _flush(self) -> None:
         if self._file is None:
