@@ -16,7 +16,7 @@ from bridge.recording import message_kinds
 from bridge.recording.files import Folder, recorded_in
 from bridge.recording.mcap_writer import MAX_CHANNELS
 from bridge.recording.message_kinds import KINDS, PRIVATE, Kind, Said
-from bridge.recording.per_sample import Copy, PerSample
+from bridge.recording.per_sample import PerSample
 from bridge.recording.recording_file import MOST_OF_A_BRIDGE, Item, RecordingFile
 from bridge.recording.settings import Recorder
 from bridge.runtime.os_errors import why as why_of
@@ -105,10 +105,10 @@ class WardRecorder:
         Raises OSError if that is impossible, NoRoom on a full disk.
         """
         self._check_room(ROOM_BYTES)
-        self._file = RecordingFile(self._place.begin(wall_ns), self._ward)
+        file = self._file = RecordingFile(self._place.begin(wall_ns), self._ward)
         self._began_s = now_s
         self._flushed_s = now_s - FLUSH_S  # the first tick then flushes the repeated messages
-        self._latest = {key: item for key, item in self._latest.items() if self._put(item, wall_ns)}
+        self._latest = {key: item for key, item in self._latest.items() if self._put(file, item, wall_ns)}
 
     def take(self, messages: Iterable[Message], wall_ns: int, now_s: float) -> None:
         """Record messages from the bus; count those that are refused, or come while nothing can be written.
@@ -124,10 +124,10 @@ class WardRecorder:
                 self.account.not_recorded += 1
             else:
                 try:
-                    if not self._put(item, wall_ns):
+                    if not self._put(self._file, item, wall_ns):
                         continue
                     if self._per_sample is not None:
-                        self._put_copies(self._per_sample.take(said, now_s))
+                        self._file.copies.put(self._per_sample.take(said, now_s))
                 except OSError as error:
                     self._stall(error, now_s)
             if isinstance(said, SampleBatch | CorrectedBatch):
@@ -143,17 +143,25 @@ class WardRecorder:
         if now_s >= self._expire_s:
             self._expire_s = now_s + EXPIRE_S
             self._expire(wall_ns)
-        if self._file is None:
+        file = self._file
+        if file is None:
             if now_s >= self._retry_s:
                 self._try_again(wall_ns, now_s)
             return
-        if (per_sample := self._per_sample) is not None:
-            self._guarded(lambda: self._put_copies(per_sample.due(now_s)), now_s)
-        if now_s - self._flushed_s >= FLUSH_S:
-            self._flushed_s = now_s
-            self._guarded(self._flush, now_s)
-            if self._is_long(now_s):
-                self._guarded(lambda: self._rotate(wall_ns, now_s), now_s)
+        try:
+            if self._per_sample is not None:
+                file.copies.put(self._per_sample.due(now_s))
+            if now_s - self._flushed_s >= FLUSH_S:
+                self._flushed_s = now_s
+                file.writer.flush()
+                file.output.sync()
+                self._check_room(0.0)
+                lasted_s, size_mb = now_s - self._began_s, file.writer.size / 1e6
+                if lasted_s >= self._settings.rotate_s or size_mb >= self._settings.rotate_mb:
+                    self._finish(file)
+                    self.begin(wall_ns, now_s)
+        except OSError as error:
+            self._stall(error, now_s)
 
     def said(self, error: OSError) -> str:
         """Return a sentence on why nothing can be written."""
@@ -164,9 +172,14 @@ class WardRecorder:
 
         An error is logged, and counted in `account`.
         """
-        if (per_sample := self._per_sample) is not None:
-            self._guarded(lambda: self._put_copies(per_sample.due()), 0.0)
-        self._guarded(self._finish, 0.0)
+        if (file := self._file) is None:
+            return
+        try:
+            if self._per_sample is not None:
+                file.copies.put(self._per_sample.due())
+            self._finish(file)
+        except OSError as error:
+            self._stall(error, 0.0)
 
     # ---- what comes in --------------------------------------------------------------------------------------------
 
@@ -196,9 +209,9 @@ class WardRecorder:
 
     # ---- the file -------------------------------------------------------------------------------------------------
 
-    def _put(self, item: Item, wall_ns: int) -> bool:
+    def _put(self, file: RecordingFile, item: Item, wall_ns: int) -> bool:
         """Write a message; False if there are too many channels."""
-        if self._file is None or self._file.put(item, message_kinds.log_ns(item.own_ns, wall_ns)):
+        if file.put(item, message_kinds.log_ns(item.own_ns, wall_ns)):
             return True
         self.account.not_recorded += 1
         if self.account.refused.add("too_many_channels") == 1:
@@ -210,17 +223,6 @@ class WardRecorder:
             )
         return False
 
-    def _put_copies(self, copies: Iterable[Copy]) -> None:
-        if self._file is not None:
-            self._file.copies.put(copies)
-
-    def _flush(self) -> None:
-        if self._file is None:
-            return
-        self._file.writer.flush()
-        self._file.output.sync()
-        self._check_room(0.0)
-
     def _check_room(self, more_bytes: float) -> None:
         free_mb, kept_mb = self._place.free_bytes() / 1e6, self._settings.keep_free_mb
         wanted_mb = kept_mb + more_bytes / 1e6
@@ -229,12 +231,6 @@ class WardRecorder:
                 f"the disk is nearly full: {free_mb:.1f} MB are free, {wanted_mb:.1f} MB are needed (keep_free_mb "
                 f"keeps {kept_mb:.0f} MB free)"
             )
-
-    def _is_long(self, now_s: float) -> bool:
-        if self._file is None:
-            return False
-        lasted_s, size_mb = now_s - self._began_s, self._file.writer.size / 1e6
-        return lasted_s >= self._settings.rotate_s or size_mb >= self._settings.rotate_mb
 
     def _expire(self, wall_ns: int) -> None:
         """Delete the recordings that have expired; each is logged and counted."""
@@ -257,25 +253,12 @@ class WardRecorder:
             self.account.files = [path for path in self.account.files if path != one.path]
             _log.warning("%s (%.1f MB) is deleted, as %s says%s", one.path, one.bytes / 1e6, why, lost)
 
-    def _rotate(self, wall_ns: int, now_s: float) -> None:
-        self._finish()
-        self.begin(wall_ns, now_s)
-
-    def _finish(self) -> None:
-        if self._file is None:
-            return
-        file = self._file
+    def _finish(self, file: RecordingFile) -> None:
         file.writer.finish()
         file.output.finish()
         self._file = None
         self.account.closed_bytes += file.writer.size
         self.account.files.append(file.output.path)
-
-    def _guarded(self, work: Callable[[], None], now_s: float) -> None:
-        try:
-            work()
-        except OSError as error:
-            self._stall(error, now_s)
 
     def _stall(self, error: OSError, now_s: float) -> None:
         """Close the file after an error, finished if possible, and schedule the next attempt."""
