@@ -1,7 +1,7 @@
 """Writes columns of samples, by name, to a file: .npz and .h5 hold arrays, .csv and .parquet a column per axis."""
 
 from collections.abc import Callable, Iterator, Mapping
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,7 @@ ENDINGS = (".npz", ".csv", ".h5", ".parquet")
 #: endings of the formats that hold arrays, and facts beside them
 ARRAYS = (".npz", ".h5")
 _ROWS = 10_000
-Columns = dict[str, NDArray[np.generic]]
+Columns = dict[str, NDArray[Any]]
 Tell = Callable[[int, int], None]
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from bridge.recording import column_files
 from bridge.recording.error import RecordingError
-from bridge.recording.export import columns, facts
+from bridge.recording.export import facts
 from bridge.recording.files import new_file
 from bridge.recording.formats.registry import check_extra
 from bridge.recording.message_kinds import KINDS
@@ -47,7 +47,7 @@ def convert(recording: Recording, out: Path, device: str, begin_ns: int, *, per_
         if out.suffix.lower() == ".mcap":
             _write_mcap(file, stretch, per_sample=per_sample)
         else:
-            column_files.write(file, out.suffix.lower(), columns(stretch), facts(stretch))
+            column_files.write(file, out.suffix.lower(), stretch.columns, facts(stretch))
 
 
 def _stretch(recording: Recording, device: str, begin_ns: int) -> Stretch:
@@ -85,7 +85,7 @@ def _stretch(recording: Recording, device: str, begin_ns: int) -> Stretch:
         accel=None if accel is None else accel.astype(np.float32),
         temperature_c=None if warm is None else warm.astype(np.float32),
         flags=told.flags,
-        corrected=None,
+        computed={},
     )
 
 

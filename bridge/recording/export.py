@@ -61,7 +61,7 @@ def export(recorded: Recorded, folder: Path, ending: str) -> list[Path]:
     check_new(paths)
     for path, stretch in named.items():
         with new_file(path) as file:
-            column_files.write(file, ending, columns(stretch), facts(stretch))
+            column_files.write(file, ending, stretch.columns, facts(stretch))
     with new_file(paths[-1]) as file:
         _write_events(file, recorded)
     return paths
@@ -77,32 +77,6 @@ def make_folder(folder: Path) -> None:
         ) from None
     except OSError as error:
         raise RecordingError(f"{folder}: cannot be made: {error.strerror}") from None
-
-
-def columns(stretch: Stretch) -> Columns:
-    """Return the columns (n,), (n, 3) or (n, 4) of a stretch (samples of one boot) by name, in the order of the CSV.
-
-    The module's docstring lists names and units.
-    """
-    found: Columns = {"t_s": stretch.time_s, "gyro_rad_s": stretch.gyro}
-    if stretch.accel is not None:
-        found["accel_m_s2"] = stretch.accel
-    if stretch.temperature_c is not None:
-        found["temperature_c"] = stretch.temperature_c
-    if (corrected := stretch.corrected) is not None:
-        found |= {
-            "rate_rad_s": corrected.rate,
-            "rate_std_rad_s": corrected.rate_std,
-            "bias_rad_s": corrected.bias,
-            "quality": corrected.quality,
-        }
-    if (oriented := stretch.oriented) is not None:
-        found |= {
-            "quat_wxyz": oriented.quat_wxyz,
-            "tilt_std": oriented.tilt_std,
-            "heading_std": oriented.heading_std,
-        }
-    return found | {"host_time_ns": stretch.time_ns, "sequence": stretch.sequence, "flags": stretch.flags}
 
 
 def events(recorded: Recorded) -> list[Event]:

@@ -98,3 +98,14 @@ def adafruit(rows: int, start: bool = True) -> bytes:
 
 def _lines(lines: list[str]) -> bytes:
     return "".join(line + CRLF for line in lines).encode()
+
+
+# Who prints what, by profile.
+PRINTS = {
+    "adafruit-raw": adafruit,
+    "adafruit-uni": adafruit,
+    "icm-20948-sparkfun": icm,
+    "nano-33-ble": nano,
+    "openlog-artemis": artemis,
+    "razor-m0": razor,
+}
