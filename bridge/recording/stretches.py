@@ -219,8 +219,9 @@ def _computed(boot: Boot, sequence: NDArray[np.int64], ticks: NDArray[np.uint64]
 def _columns_of(batch: CorrectedBatch | OrientationBatch) -> Columns:
     n = len(batch)
     if isinstance(batch, CorrectedBatch):
+        std = batch.rate_std.astype(np.float32)
         bias, quality = np.tile(batch.bias, (n, 1)), np.full(n, batch.quality, np.int8)
-        return {"rate_rad_s": batch.rate, "rate_std_rad_s": batch.rate_std, "bias_rad_s": bias, "quality": quality}
+        return {"rate_rad_s": batch.rate, "rate_std_rad_s": std, "bias_rad_s": bias, "quality": quality}
     tilt, heading = (np.full(n, std, np.float32) for std in (batch.tilt_std, batch.heading_std))
     return {"quat_wxyz": batch.quat_wxyz, "tilt_std": tilt, "heading_std": heading}
 
