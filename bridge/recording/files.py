@@ -54,10 +54,6 @@ class Output:
         with_part(self.path).rename(self.path)
         sync_folder(self.path.parent)
 
-    def abandon(self) -> None:
-        """Close the file, unfinished, under its .part name."""
-        self.file.close()
-
     def discard(self) -> None:
         """Delete the unfinished file."""
         self.file.close()

@@ -46,18 +46,6 @@ class Track(NamedTuple):
     rate: Floats | None
 
 
-class Written(NamedTuple):
-    """Result of a conversion to OpenSim: the files, the segments, and the number of rows.
-
-    left_out: number of rows left out because a device has a gap there.
-    """
-
-    paths: list[Path]
-    segments: list[str]
-    rows: int
-    left_out: int
-
-
 def convert(
     files: Sequence[Path],
     out: Path,
@@ -65,13 +53,13 @@ def convert(
     boot: int | None,
     segments: Mapping[str, str],
     skip_s: float = 0.0,
-) -> Written:
+) -> list[str]:
     """Write the orientations and rates of devices as OpenSim .sto files, at the sample times of the first device.
 
     out: the file of orientations; the file of rates lies beside it, if every device has rates. devices: ids to write,
     none for all. boot: which boot of a ward's recording, from 1. segments: body of the model by device id; without one,
     the body of the recorded placement, else the device id. skip_s: seconds to leave out at the beginning. Raises
-    RecordingError.
+    RecordingError. Returns the result as lines for the user.
     """
     tracks = [track for track in _tracks(files, boot) if not devices or track.device in devices]
     names = {track.device: segments.get(track.device, track.body) for track in tracks}
@@ -92,7 +80,8 @@ def convert(
     rate_hz = 1 / float(np.median(np.diff(seconds)))
     for path, kind, values in zip(paths, ("Quaternion", "Vec3"), (_quaternions, _rates), strict=False):
         _write(path, kind, rate_hz, seconds, {f"{names[t.device]}{IMU}": values(t, times) for t in tracks})
-    return Written(paths, list(names.values()), len(times), left_out)
+    lines = [f"{' and '.join(map(str, paths))}: {len(times):,} times of {', '.join(names.values())}"]
+    return lines + ([f"note: {left_out:,} times are left out: a device has a gap there"] if left_out else [])
 
 
 def _tracks(files: Sequence[Path], boot: int | None) -> list[Track]:

@@ -4,7 +4,7 @@ import logging
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, nullcontext
 from pathlib import Path
 
@@ -16,16 +16,17 @@ from bridge.bucket.bucket import Bucket
 from bridge.bucket.mirror import Mirror
 from bridge.bus.access_self_test import self_test
 from bridge.bus.contract import Bus, BusError, Message, Subscription
+from bridge.bus.missed_messages import describe_missed
 from bridge.bus.routers import Routers
 from bridge.bus.zenoh_bus import ZenohBus
 from bridge.recording.error import RecordingError
 from bridge.recording.files import Folder, recorded_in
 from bridge.recording.message_kinds import KINDS, SAMPLES
-from bridge.recording.progress import line
 from bridge.recording.recorder import WardRecorder
 from bridge.recording.settings import Recorder
 from bridge.runtime.service_manager import supervised
 from bridge.runtime.signals import stopped_by_signal
+from bridge.terminal.plurals import count
 from bridge.wire import keys
 from bridge.wire.keys import Key
 from bridge.wire.refusal import Refusal
@@ -38,6 +39,8 @@ _ROUND_S = 0.1
 #: seconds between updates of the line on a terminal, and between lines in a log
 _SHOW_S, _LOG_S = 1.0, 60.0
 _RETRY_S = 0.2
+#: a device that sent nothing for so long is silent, s
+_SILENT_S = 3.0
 _log = logging.getLogger(__name__)
 
 OpenBus = Callable[[Sequence[str]], Bus]
@@ -159,7 +162,7 @@ def _run(
 
     def said() -> str:
         fault = str(mirror.fault) if mirror is not None and mirror.fault else ""
-        return line(recorder, now - began, now, subscription.missed_by_key, fault)
+        return _line(recorder, now - began, now, subscription.missed_by_key, fault)
 
     terminal = console.is_terminal
     with Live(console=console, refresh_per_second=2, transient=True) if terminal else nullcontext() as live:
@@ -186,3 +189,37 @@ def _run(
     recorder.take(subscription.drain(QUEUE, 0.0), time.time_ns(), now)
     recorder.close()
     console.print(said(), highlight=False, soft_wrap=True)
+
+
+def _line(recorder: WardRecorder, elapsed_s: float, now_s: float, missed: Mapping[str, int], copy_fault: str) -> str:
+    """Return a recorder's progress in one line: time, devices, samples, size, and missing or refused messages.
+
+    elapsed_s: seconds since the start. now_s: seconds of the recorder's clock. missed: number of missing messages by
+    key. copy_fault: why finished files are not copied to the bucket; empty if they are.
+    """
+    account = recorder.account
+    silent = sum(now_s - heard > _SILENT_S for heard in account.heard.values())
+    parts = [
+        f"{_clock(elapsed_s)}",
+        count(len(account.heard), "device") + (f" ({silent} silent)" if silent else ""),
+        f"{account.raw:,} samples, {account.corrected:,} corrected",
+        f"{recorder.size / 1e6:.1f} MB",
+    ]
+    if missed:
+        parts.append(describe_missed(missed))
+    if refused := account.refused.total():
+        parts.append(f"{refused} refused")
+    if account.expired:
+        parts.append(f"{account.expired} old files deleted")
+    if account.not_recorded:
+        parts.append(f"{account.not_recorded} not recorded")
+    if copy_fault:
+        parts.append(f"NOT COPIED: {copy_fault}")
+    if account.trouble:
+        parts.append(f"NOT RECORDING: {account.trouble}")
+    return "  ".join(parts)
+
+
+def _clock(seconds: float) -> str:
+    minutes, rest = divmod(int(seconds), 60)
+    return f"{minutes // 60}:{minutes % 60:02d}:{rest:02d}"

@@ -87,5 +87,5 @@ class RecordingFile(WardFile):
                 return path
         except OSError:
             pass
-        self.output.abandon()
+        self.output.file.close()
         return with_part(path)

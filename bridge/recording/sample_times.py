@@ -4,13 +4,12 @@ from pathlib import Path
 
 import numpy as np
 
-from bridge.recording.bad_rows import keep_rows
+from bridge.recording.bad_rows import keep_rows, repeated, repeated_without_time
 from bridge.recording.clock import ClockFault, mend
 from bridge.recording.error import RecordingError
 from bridge.recording.plausibility import check_rate, check_time, rate_of
 from bridge.recording.reading import Reading
 from bridge.recording.recording import Floats
-from bridge.recording.repeats import repeated, repeated_without_time
 from bridge.terminal.plurals import count
 
 _OTHER_RATE = 0.02  # relative: a stated and a measured rate that differ by more are told to the user

@@ -129,6 +129,20 @@ def osim(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
     return pytest.importorskip("opensim", reason="opensim is not installed: pip install --group opensim")
 
 
+def test_opensim_reads_the_same_orientations(osim: Any, two: tuple[Path, Path], tmp_path: Path) -> None:
+    out = tmp_path / "walk.sto"
+    assert main(["recording", "convert", *map(str, two), str(out)]) == 0
+    table = osim.TimeSeriesTableQuaternion(str(out))
+    assert table.getColumnLabels() == ("knee_imu", "wrist-left_imu")
+    time_s = 1.01 + np.array(table.getIndependentColumn())
+    for column, turned in enumerate((of_hinge, of_turning)):
+        cells = [table.getRowAtIndex(row).getElt(0, column) for row in range(table.getNumRows())]
+        quat = np.array([[cell.get(part) for part in range(4)] for cell in cells])
+        assert (Rotation.from_quat(quat, scalar_first=True).inv() * turned(time_s)).magnitude().max() < 1e-6
+    rates = osim.TimeSeriesTableVec3(str(tmp_path / "walk_angularVelocity.sto"))
+    assert rates.getRowAtIndex(9).getElt(0, 0).get(2) == pytest.approx(time_s[9], abs=1e-6)
+
+
 def test_opensense_finds_the_angle_of_the_joint(osim: Any, tmp_path: Path) -> None:
     """IMU Placer and inverse kinematics with the rotation of the page on OpenSim give the angle of the hinge."""
     hinge = save(tmp_path / "hinge.npz", "knee", of_hinge, 100.0, 0.0, 3.0)
