@@ -12,7 +12,7 @@ from bridge.recording.export import facts
 from bridge.recording.files import new_file
 from bridge.recording.formats.registry import check_extra
 from bridge.recording.message_kinds import KINDS
-from bridge.recording.per_sample import PerSample
+from bridge.recording.per_sample import PerSample, write_copies
 from bridge.recording.recording import TICK_S, Recording, Told
 from bridge.recording.recording_file import Item, WardFile
 from bridge.recording.stretches import Stretch
@@ -118,5 +118,5 @@ def _write_mcap(file: BinaryIO, of: Stretch, *, per_sample: bool) -> None:
         )
         put("raw", at_ns, codec.encode_samples(batch))
         if per_sample:
-            out.copies.put(copies.take(batch, at_ns * 1e-9))
+            write_copies(out.writer, copies.take(batch, at_ns * 1e-9))
     out.writer.finish()

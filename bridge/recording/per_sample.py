@@ -81,18 +81,9 @@ class PerSample:
                 yield Copy(topic, facts, time_ns, payload)
 
 
-class CopyChannels:
-    """Writes copies of samples to an MCAP file, and adds the channel of a topic at its first copy."""
-
-    def __init__(self, writer: McapWriter) -> None:
-        self._writer = writer
-        self._channels: dict[str, int] = {}
-
-    def put(self, copies: Iterable[Copy]) -> None:
-        """Write copies with their sample times as log times. Raises OSError."""
-        for copy in copies:
-            if copy.topic not in self._channels:
-                self._channels[copy.topic] = self._writer.channel(
-                    copy.topic, messages.IMU, messages.definition(messages.IMU), copy.facts, encoding=ROS2
-                )
-            self._writer.add(self._channels[copy.topic], copy.time_ns, copy.time_ns, copy.payload)
+def write_copies(writer: McapWriter, copies: Iterable[Copy]) -> None:
+    """Write copies of samples to an MCAP file, with their sample times as log times. Raises OSError."""
+    for copy in copies:
+        definition = messages.definition(messages.IMU)
+        channel = writer.channel(copy.topic, messages.IMU, definition, copy.facts, encoding=ROS2)
+        writer.add(channel, copy.time_ns, copy.time_ns, copy.payload)

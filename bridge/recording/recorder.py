@@ -16,7 +16,7 @@ from bridge.recording import message_kinds
 from bridge.recording.files import Folder, recorded_in
 from bridge.recording.mcap_writer import MAX_CHANNELS
 from bridge.recording.message_kinds import KINDS, PRIVATE, Kind, Said
-from bridge.recording.per_sample import PerSample
+from bridge.recording.per_sample import PerSample, write_copies
 from bridge.recording.recording_file import MOST_OF_A_BRIDGE, Item, RecordingFile
 from bridge.recording.settings import Recorder
 from bridge.runtime.os_errors import why as why_of
@@ -127,7 +127,7 @@ class WardRecorder:
                     if not self._put(self._file, item, wall_ns):
                         continue
                     if self._per_sample is not None:
-                        self._file.copies.put(self._per_sample.take(said, now_s))
+                        write_copies(self._file.writer, self._per_sample.take(said, now_s))
                 except OSError as error:
                     self._stall(error, now_s)
             if isinstance(said, SampleBatch | CorrectedBatch):
@@ -150,7 +150,7 @@ class WardRecorder:
             return
         try:
             if self._per_sample is not None:
-                file.copies.put(self._per_sample.due(now_s))
+                write_copies(file.writer, self._per_sample.due(now_s))
             if now_s - self._flushed_s >= FLUSH_S:
                 self._flushed_s = now_s
                 file.writer.flush()
@@ -176,7 +176,7 @@ class WardRecorder:
             return
         try:
             if self._per_sample is not None:
-                file.copies.put(self._per_sample.due())
+                write_copies(file.writer, self._per_sample.due())
             self._finish(file)
         except OSError as error:
             self._stall(error, 0.0)

@@ -8,7 +8,6 @@ from bridge.recording import message_kinds
 from bridge.recording.files import Output, with_part
 from bridge.recording.mcap_writer import MAX_CHANNELS, McapWriter
 from bridge.recording.message_kinds import Kind
-from bridge.recording.per_sample import CopyChannels
 from bridge.wire import keys
 
 #: name of the metadata record at the beginning of every truerate file
@@ -32,12 +31,11 @@ class Item(NamedTuple):
 class WardFile:
     """MCAP file of a ward's messages, which gets a channel per key. Raises OSError if its beginning cannot be written.
 
-    ward: id in the file's metadata. writer: for flush and finish. copies: for copies of samples.
+    ward: id in the file's metadata. writer: for flush and finish, and for copies of samples.
     """
 
     def __init__(self, file: BinaryIO, ward: str) -> None:
         self.writer = McapWriter(file, ABOUT, {"ward": ward, "version": "1"})
-        self.copies = CopyChannels(self.writer)
         self._channels: dict[str, int] = {}
         self._of_bridges = Counter[str]()
 

@@ -13,7 +13,7 @@ from bridge.recording.files import PART, in_use, new_file
 from bridge.recording.mcap_reader import Entry, McapReader
 from bridge.recording.mcap_writer import PROTOBUF, ROS2, McapWriter
 from bridge.recording.message_kinds import KINDS, PACKAGE, Said
-from bridge.recording.per_sample import COPY, CopyChannels, PerSample
+from bridge.recording.per_sample import COPY, PerSample, write_copies
 from bridge.recording.recording_file import ABOUT
 from bridge.runtime.os_errors import why
 from bridge.terminal.plurals import count
@@ -96,21 +96,18 @@ def _copied(
         raise RecordingError(f"{path}: {_why_nothing(reader, foreign, device)}")
     about = reader.facts.get(ABOUT, {})
     writer = McapWriter(copy, ABOUT, about)
-    channels: dict[tuple[str, str], int] = {}
-    samples, copies = PerSample(about.get("ward", "")), CopyChannels(writer)
+    samples = PerSample(about.get("ward", ""))
     first_ns = last_ns = first.log_ns
     for entry in chain([first], entries):
-        which = entry.topic, entry.schema
-        if which not in channels:
-            encoding = ROS2 if COPY in entry.facts else PROTOBUF
-            definition = reader.descriptors[entry.schema]
-            channels[which] = writer.channel(*which, definition, entry.facts, encoding=encoding)
-        writer.add(channels[which], entry.log_ns, entry.publish_ns, entry.payload)
+        encoding = ROS2 if COPY in entry.facts else PROTOBUF
+        definition = reader.descriptors[entry.schema]
+        channel = writer.channel(entry.topic, entry.schema, definition, entry.facts, encoding=encoding)
+        writer.add(channel, entry.log_ns, entry.publish_ns, entry.payload)
         if per_sample and (said := _said(entry)) is not None:
-            copies.put(samples.take(said, entry.log_ns * 1e-9))
+            write_copies(writer, samples.take(said, entry.log_ns * 1e-9))
         first_ns, last_ns = min(first_ns, entry.log_ns), max(last_ns, entry.log_ns)
         tell(reader.good, reader.size)
-    copies.put(samples.due())
+    write_copies(writer, samples.due())
     writer.finish()
     others = [f"{count(n, 'message')} of {schema or 'no schema'!r} skipped" for schema, n in foreign.items()]
     return Recovered(target, writer.messages, first_ns, last_ns, (*reader.trouble, *others))

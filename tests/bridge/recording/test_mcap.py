@@ -27,16 +27,13 @@ TOPICS = ("raw/bridge-1/one", "raw/bridge-1/two")
 def write(file: BytesIO, chunks: int = 5, each: int = 4, *, finish: bool = True) -> list[int]:
     """Some chunks on two channels, the second of which begins in the third; where the file was safe after each."""
     writer = McapWriter(file, "truerate", {"ward": "w"})
-    safe, channels = [], {}
+    safe = []
     for chunk in range(chunks):
         for number in range(each):
             topic = TOPICS[number % 2 if chunk >= 2 else 0]
-            if topic not in channels:
-                channels[topic] = writer.channel(
-                    topic, "truerate.v1.SampleBatch", message_kinds.DESCRIPTORS, {"key": topic}
-                )
+            channel = writer.channel(topic, "truerate.v1.SampleBatch", message_kinds.DESCRIPTORS, {"key": topic})
             at = chunk * each + number
-            writer.add(channels[topic], BEGIN_NS + at, BEGIN_NS - at, payload(at))
+            writer.add(channel, BEGIN_NS + at, BEGIN_NS - at, payload(at))
         writer.flush()
         safe.append(writer.size)
     if finish:
