@@ -1,7 +1,6 @@
 """Command-line options for properties missing in a recording's file."""
 
 import argparse
-from pathlib import Path
 
 from bridge.recording.error import RecordingError
 from bridge.recording.reading import Reading
@@ -25,10 +24,12 @@ def add_reading(verb: argparse.ArgumentParser, *, device: bool = True) -> None:
     told.add_argument("--time-column", metavar="NAME", help="column of the times, by name or number from 1")
     told.add_argument(
         "--columns",
+        type=named,
+        default=(),
         metavar="NAME,…",
         help="columns of gyro x,y,z (then accelerometer x,y,z) by name or number; or a tool of configs/columns, or a .toml file",
     )
-    told.add_argument("--accel-file", type=Path, metavar="FILE", help="second file that holds the accelerometer")
+    told.add_argument("--accel-file", metavar="FILE", help="second file that holds the accelerometer")
     if device:
         told.add_argument(
             "--device", metavar="ID", help="device, topic, stream or sensor to read from a file with several"
@@ -41,24 +42,9 @@ def add_reading(verb: argparse.ArgumentParser, *, device: bool = True) -> None:
 def reading_of(given: argparse.Namespace) -> Reading:
     """Return the parsed options as a Reading. Raises ConfigError for an invalid option, which is wrong usage."""
     try:
-        return _reading(given)
+        return Reading(**{name: getattr(given, name) for name in Reading.__struct_fields__ if name != "device"})
     except RecordingError as error:
         raise ConfigError(str(error)) from None
-
-
-def _reading(given: argparse.Namespace) -> Reading:
-    return Reading(
-        rate_hz=given.rate_hz,
-        gyro_unit=given.gyro_unit,
-        accel_unit=given.accel_unit,
-        time_unit=given.time_unit,
-        gyro_sensitivity=given.gyro_sensitivity,
-        accel_sensitivity=given.accel_sensitivity,
-        columns=named(given.columns or ""),
-        time_column=given.time_column,
-        accel_file=given.accel_file and str(given.accel_file),
-        boot=given.boot,
-    )
 
 
 def named(columns: str) -> tuple[str, ...]:

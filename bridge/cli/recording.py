@@ -327,11 +327,8 @@ def _opensim(given: argparse.Namespace) -> None:
         if not re.fullmatch(r"\w+", body):
             raise ConfigError(f"--segment {device}={body}: give DEVICE=BODY, such as chest=torso")
     devices = [given.device] if given.device else []
-    written = opensim.convert(given.files, given.out, devices, given.boot, segments, given.skip)
-    there = ", ".join(written.segments)
-    print(printable(f"{' and '.join(map(str, written.paths))}: {written.rows:,} times of {there}"))
-    if written.left_out:
-        print(f"note: {written.left_out:,} times are left out: a device has a gap there")
+    for line in opensim.convert(given.files, given.out, devices, given.boot, segments, given.skip):
+        print(printable(line))
 
 
 def _per_sample(given: argparse.Namespace) -> bool:

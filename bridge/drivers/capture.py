@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from bridge.drivers.byte_stream import Decoder
 from bridge.drivers.driver import Event, Identity, Readings
 from bridge.recording.error import MAX_BYTES, RecordingError, check_file
+from bridge.recording.formats.streams import choose_boot
 from bridge.recording.reading import Reading
 from bridge.recording.recording import Floats, Recording
 from bridge.recording.table import Table, recording_of
-from bridge.terminal.plurals import count
 from bridge.toml.loader import ConfigError, nearest
 
 _CHUNK, _SETTLING = 4096, 1 << 16
@@ -87,14 +87,8 @@ def _recording(path: Path, by: str, events: list[Event], faults: list[str], read
         raise RecordingError(
             f"{path}: no sample found by {by}{why}; find the right driver with `truerate bridge scan --port file://FILE`"
         )
-    at = reading.boot or 1
-    if (len(boots) > 1 and reading.boot is None) or not 1 <= at <= len(boots):
-        said = ", ".join(
-            f"{number} ({count(sum(len(part.ticks) for part in parts), 'sample')})"
-            for number, parts in enumerate(boots.values(), 1)
-        )
-        raise RecordingError(f"{path}: {count(len(boots), 'boot')} of the device; choose one with --boot: {said}")
-    boot = list(boots)[at - 1]
+    sizes = [sum(len(part.ticks) for part in parts) for parts in boots.values()]
+    boot = list(boots)[choose_boot(path, sizes, reading.boot, "the device")]
     return recording_of(path, _table(path, identities[boot], boots[boot], faults, reading), replace(reading, boot=None))
 
 

@@ -1,4 +1,4 @@
-"""Drops rows with missing or impossible rates, and fills gaps in the other columns."""
+"""Drops rows with missing or impossible rates, fills gaps in the other columns, and finds rows written twice."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -23,6 +23,11 @@ _LIMITS = {
     "temperature_c": (MAX_CELSIUS, "°C", "the values may be counts"),
     "t_s": (_MAX_TIME_S, "s", "if the unit is another, give --time-unit us or ns"),
 }
+#: lags at which rows are compared, to estimate how often two are equal by chance
+_LAGS = (5, 7, 11, 13)
+#: repeats are believed only if chance explains less than this share of them
+_BY_CHANCE = 0.05
+Flags = NDArray[np.bool_]
 #: arguments: column, sample, axis; results: the file's name of that column or axis, and the sample's place in the file
 Place = Callable[[str, int, int], tuple[str, str]]
 
@@ -72,7 +77,7 @@ def drop_bad_rows(path: Path, columns: dict[str, Floats], place: Place, notes: l
         keep_rows(columns, good)
 
 
-def keep_rows(columns: dict[str, Floats], rows: NDArray[np.bool_] | NDArray[np.intp]) -> None:
+def keep_rows(columns: dict[str, Floats], rows: Flags | NDArray[np.intp]) -> None:
     """Keep the chosen rows of every column, in place. rows: mask (n,) or indices. A column () stays as it is."""
     for name, column in columns.items():
         if column.ndim:
@@ -88,12 +93,17 @@ def _filled(column: Floats, limit: float) -> Floats | None:
     """Interpolate bad rows of a column (n, c); None if too few rows are good."""
     if _within(column, limit):
         return column
-    good = (np.abs(column) <= limit).all(axis=1)
+    good = np.asarray((np.abs(column) <= limit).all(axis=1))
     beyond = np.isfinite(column).all(axis=1) & ~good
     if np.count_nonzero(good) < 2 or np.count_nonzero(beyond) > _MOST_BAD * len(column) or np.mean(good) < 0.02:
         return None
+    return np.stack([interpolated(axis, good) for axis in column.T], axis=1)
+
+
+def interpolated(column: Floats, good: Flags) -> Floats:
+    """Replace the values of a column (n,) that are not good by linear interpolation over the rows."""
     rows = np.arange(len(column))
-    return np.stack([np.interp(rows, rows[good], column[good, axis]) for axis in range(column.shape[1])], axis=1)
+    return np.interp(rows, rows[good], column[good])
 
 
 def _wrong_values(name: str, column: Floats, place: Place) -> str:
@@ -107,3 +117,50 @@ def _wrong_values(name: str, column: Floats, place: Place) -> str:
     what, where = place(name, int(large[0][0]), int(large[0][-1]))
     value = column[tuple(large[0])]
     return f"{what} is {value:g} {unit}{where}; at most ±{limit:g} {unit} is possible; {words}"
+
+
+def repeated(time: Floats, values: Floats) -> Flags:
+    """Return a mask (n,) of the rows that were written twice.
+
+    Such a row equals an earlier row in time (n,) and in all values (n, c).
+    """
+    return _seen_before(np.column_stack([time, values]))
+
+
+def repeated_without_time(values: Floats) -> Flags:
+    """Return a mask (n,) of the rows whose values (n, c) equal an earlier row's, if chance does not explain that."""
+    n = len(values)
+    none = np.zeros(n, bool)
+    if n <= 2 * max(_LAGS):
+        return none
+    seen = _seen_before(values)
+    equal = [np.mean(np.all(values[lag:] == values[:-lag], axis=1)) for lag in _LAGS]
+    by_axis = [
+        np.mean([np.mean(values[lag:, axis] == values[:-lag, axis]) for lag in _LAGS])
+        for axis in range(values.shape[1])
+    ]
+    chance = max(float(np.prod(by_axis)), float(np.median(equal)))
+    if seen.any() and n * n / 2 * chance < _BY_CHANCE * np.count_nonzero(seen):
+        return seen
+    after = np.concatenate([[False], np.all(values[1:] == values[:-1], axis=1)])
+    if after.any() and n * chance < _BY_CHANCE * np.count_nonzero(after):
+        return after
+    return none
+
+
+def _seen_before(rows: Floats) -> Flags:
+    """Flag rows (n,) that equal the row before, or belong to a run that equals an earlier run.
+
+    A single row that equals one further back is not flagged: a clipped or faulty sensor often reads the same again.
+    """
+    n = len(rows)
+    # Adding zero gives -0.0 the same bits as 0.0.
+    bits = np.ascontiguousarray(rows + 0.0).view(np.dtype((np.void, rows.dtype.itemsize * rows.shape[1]))).ravel()
+    _, group = np.unique(bits, return_inverse=True)
+    order = np.argsort(group, kind="stable")
+    same = group[order[1:]] == group[order[:-1]]
+    last = np.full(n, -1)
+    last[order[1:][same]] = order[:-1][same]
+    goes_on = np.concatenate([[False], (last[1:] == last[:-1] + 1) & (last[:-1] >= 0)])
+    begins = np.concatenate([goes_on[1:], [False]])
+    return np.asarray((last >= 0) & ((last == np.arange(n) - 1) | goes_on | begins))

@@ -16,8 +16,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bridge.recording.column_files import AXES, rows_of
 from bridge.recording.error import RecordingError
-from bridge.recording.export import AXES, BEGIN, BOOT, events, make_folder, rows_of
+from bridge.recording.export import BEGIN, BOOT, events, make_folder
 from bridge.recording.files import check_new, new_file
 from bridge.recording.stretches import Recorded, Stretch
 
@@ -26,6 +27,26 @@ LABEL = re.compile(r"[0-9a-zA-Z]+\Z")
 _NONE = "n/a"
 _FILES = ("motion.tsv", "motion.json", "channels.tsv", "channels.json")
 _EVENTS = ("events.tsv", "events.json")
+
+#: channels: name, column of a stretch, BIDS type, units, description
+_CHANNELS = (
+    ("time", "t_s", "LATENCY", "s", "since the first sample, device clock"),
+    ("gyro", "gyro_rad_s", "GYRO", "rad/s", "angular rate as read"),
+    ("accel", "accel_m_s2", "ACCEL", "m/s^2", "acceleration as read"),
+    ("rate", "rate_rad_s", "GYRO", "rad/s", "angular rate, corrected"),
+    ("ratestd", "rate_std_rad_s", "MISC", "rad/s", "its standard deviation"),
+    ("quat", "quat_wxyz", "ORNT", _NONE, "attitude, sensor to earth axes with z up"),
+    ("tiltstd", "tilt_std", "MISC", "rad", "standard deviation of the tilt"),
+    ("headingstd", "heading_std", "MISC", "rad", "standard deviation of the heading"),
+    ("temperature", "temperature_c", "MISC", "oC", "of the sensor"),
+    (
+        "quality",
+        "quality",
+        "MISC",
+        _NONE,
+        "of the corrected rate: 0 none, 1 prior, 2 bias only, 3 good, 4 degraded, -1 not corrected",
+    ),
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,35 +135,14 @@ def channels(stretch: Stretch) -> list[Channel]:
 
     Times are in s, rates in rad/s, accelerations in m/s², standard deviations of angles in rad, temperatures in °C.
     """
-    corrected = stretch.corrected
-    vectors: list[tuple[str, str, str, str, NDArray[np.generic] | None]] = [
-        ("gyro", "GYRO", "rad/s", "angular rate as read", stretch.gyro),
-        ("accel", "ACCEL", "m/s^2", "acceleration as read", stretch.accel),
-        ("rate", "GYRO", "rad/s", "angular rate, corrected", corrected.rate if corrected else None),
-        ("ratestd", "MISC", "rad/s", "its standard deviation", corrected.rate_std if corrected else None),
-    ]
-    found = [Channel("time", _NONE, "LATENCY", "s", "since the first sample, device clock", stretch.time_s)]
-    found += [
-        Channel(f"{name}_{axis}", axis, kind, units, words, values[:, column])
-        for name, kind, units, words, values in vectors
-        if values is not None
-        for column, axis in enumerate(AXES)
-    ]
-    if (oriented := stretch.oriented) is not None:
-        words = "attitude, sensor to earth axes with z up"
-        found += [
-            Channel(f"quat_{axis}", f"quat_{axis}", "ORNT", _NONE, words, oriented.quat_wxyz[:, column])
-            for column, axis in enumerate("wxyz")
-        ]
-        found += [
-            Channel(f"{name}std", _NONE, "MISC", "rad", f"standard deviation of the {name}", values)
-            for name, values in (("tilt", oriented.tilt_std), ("heading", oriented.heading_std))
-        ]
-    if stretch.temperature_c is not None:
-        found.append(Channel("temperature", _NONE, "MISC", "oC", "of the sensor", stretch.temperature_c))
-    if stretch.corrected is not None:
-        words = "of the corrected rate: 0 none, 1 prior, 2 bias only, 3 good, 4 degraded, -1 not corrected"
-        found.append(Channel("quality", _NONE, "MISC", _NONE, words, stretch.corrected.quality))
+    there, found = stretch.columns, list[Channel]()
+    for name, column, kind, units, words in _CHANNELS:
+        if (values := there.get(column)) is None:
+            continue
+        axes = {1: (_NONE,), 3: tuple(AXES), 4: tuple(f"quat_{part}" for part in "wxyz")}[values[0].size]
+        for axis, single in zip(axes, np.atleast_2d(values.T), strict=True):
+            full = axis if name == "quat" else name if axis == _NONE else f"{name}_{axis}"
+            found.append(Channel(full, axis, kind, units, words, single))
     return found
 
 
@@ -179,8 +179,8 @@ def _write(folder: Path, stem: str, stretch: Stretch, task: str, system: str) ->
     found = channels(stretch)
     paths = [folder / f"{stem}_{name}" for name in _FILES]
     with new_file(paths[0]) as file:
-        for rows in rows_of([channel.values for channel in found], _NONE):
-            file.write("".join("\t".join(row) + "\n" for row in rows).encode())
+        for _, text in rows_of([channel.values for channel in found], "\t", _NONE):
+            file.write(text.encode())
     _write_json(paths[1], sidecar(stretch, task, system))
     heads = [
         "name",
@@ -259,11 +259,8 @@ def _add_rows(path: Path, known: Sequence[str], rows: Sequence[Sequence[str]]) -
     had = {line.split("\t", 1)[0] for line in known}
     width = known[0].count("\t") + 1
     new = ["\t".join((*row, *[_NONE] * (width - len(row)))) for row in rows if row[0] not in had]
-    unfinished = path.with_name(f".{path.name}.new")
-    unfinished.unlink(missing_ok=True)
-    with unfinished.open("x", encoding="utf-8") as file:
-        file.writelines(line + "\n" for line in (*known, *new))
-    unfinished.replace(path)
+    with new_file(path, replace=True) as file:
+        file.write("".join(line + "\n" for line in (*known, *new)).encode())
 
 
 _README = """Recorded by truerate: each tracking system is one wearable IMU, each run one boot of it.

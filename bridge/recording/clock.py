@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from bridge.recording.bad_rows import interpolated
 from bridge.recording.recording import TICK_S, Floats
 from bridge.terminal.plurals import count
 
@@ -27,6 +28,7 @@ _LEAST_PARTS_ROWS = 10
 #: ticks: a longer step is a gap; a time this near to a line is on it. Samples on either side of a running mean
 _GAP, _ON_LINE, _AROUND = 5.0, 1.5, 16
 _MOST_PARTS = 50
+_ARRIVAL = "the times are arrival times, in bursts: the samples are placed at even steps through them"
 
 
 class ClockFault(Exception):
@@ -34,32 +36,29 @@ class ClockFault(Exception):
 
 
 class Mended(NamedTuple):
-    """Repaired times of a recording, and what was repaired.
+    """Repaired times of a recording.
 
     order (m,): indices of the rows, in order of time. time (m,): s, rising within each boot.
-    starts: index of each boot's first row. notes: what was repaired, for the user.
-    arrival: whether the times were those of arrival.
+    starts: index of each boot's first row. arrival: whether the times were those of arrival.
     """
 
     order: Indices
     time: Floats
     starts: list[int]
-    notes: list[str]
     arrival: bool = False
 
 
-def mend(time: Floats, tick_s: float) -> Mended:
+def mend(time: Floats, tick_s: float, notes: list[str]) -> Mended:
     """Repair the sample times (n,) of a recording, in s, NaN where one is missing.
 
     Repaired are counter wraps, swapped rows, single bad times, coarse clocks and times of arrival; reboots are found.
-    tick_s: seconds per count of the file's time column, 0 when unknown. Raises ClockFault if the times cannot be
-    repaired.
+    tick_s: seconds per count of the file's time column, 0 when unknown. notes: gets a sentence per repair. Raises
+    ClockFault if the times cannot be repaired.
     """
-    notes = list[str]()
     order = np.arange(len(time))
     time = _filled(time, notes)
     if (np.diff(time) > TICK_S / 2).all() and not _is_bunched(time):
-        return Mended(order, _outliers_mended(time, notes), [0], notes)
+        return Mended(order, _outliers_mended(time, notes), [0])
     time = _unwrapped(time, tick_s, notes)
     order, time = _sorted(order, time, notes)
     time = _outliers_mended(time, notes)
@@ -72,14 +71,10 @@ def mend(time: Floats, tick_s: float) -> Mended:
             "is neither a counter wrap, nor swapped rows, nor a reboot: export the file again, or choose another column with "
             "--time-column NAME"
         )
-    arrival = False
-    parts = list[Floats]()
-    for start, end in zip(starts, [*starts[1:], len(time)], strict=True):
-        part, said, of_arrival = _spaced(time[start:end])
-        arrival = arrival or of_arrival
-        parts.append(part)
-        notes += [said] if said and said not in notes else []
-    return Mended(order, np.concatenate(parts), starts, notes, arrival)
+    spaced = [_spaced(part) for part in np.split(time, starts[1:])]
+    said = [note for _, note in spaced if note]
+    notes += dict.fromkeys(said)
+    return Mended(order, np.concatenate([part for part, _ in spaced]), starts, _ARRIVAL in said)
 
 
 def _filled(time: Floats, notes: list[str]) -> Floats:
@@ -91,8 +86,7 @@ def _filled(time: Floats, notes: list[str]) -> Floats:
             "the time column holds no readable time: give the device's rate with --rate-hz, or another --time-column"
         )
     notes.append(f"{count(int(bad.sum()), 'time')} missing, interpolated")
-    rows = np.arange(len(time))
-    return np.interp(rows, rows[~bad], time[~bad])
+    return interpolated(time, ~bad)
 
 
 def _unwrapped(time: Floats, tick_s: float, notes: list[str]) -> Floats:
@@ -147,8 +141,7 @@ def _outliers_mended(time: Floats, notes: list[str]) -> Floats:
     if not bad.any():
         return time
     notes.append(f"{count(int(bad.sum()), 'bad time')}, outside the neighbouring times, interpolated")
-    rows = np.arange(len(time))
-    mended = np.interp(rows, rows[~bad], time[~bad])
+    mended = interpolated(time, ~bad)
     if bad[0]:
         mended[0] = mended[1] - usual
     return mended
@@ -168,15 +161,15 @@ def _crowded(steps: Floats) -> bool:
     return float(np.mean(steps < _SHORT * mean)) > _BUNCHED
 
 
-def _spaced(time: Floats) -> tuple[Floats, str, bool]:
-    """Return rising times of one boot, a note, and whether they were times of arrival.
+def _spaced(time: Floats) -> tuple[Floats, str]:
+    """Return rising times of one boot, and a note on what was repaired.
 
     Good times are unchanged; coarse times and times of arrival are put on a line.
     """
     steps = np.diff(time)
     distinct = int(np.count_nonzero(steps > 0)) + 1
     if len(time) < 2:
-        return time, "", False
+        return time, ""
     if (distinct < 3 and distinct < len(time)) or (distinct < 8 and len(time) > 4 * distinct):
         raise ClockFault(
             f"the times are rounded: only {distinct} different times in {count(len(time), 'row')}; export them with more digits, "
@@ -184,15 +177,10 @@ def _spaced(time: Floats) -> tuple[Floats, str, bool]:
         )
     stands = float(np.mean(steps <= TICK_S / 2))
     if not stands and not _is_bunched(time):
-        return time, "", False
-    coarse = bool(stands) and _is_coarse(time)
-    if coarse:
-        return _ticks_spread(time), "the clock is coarse: samples with equal times are spread evenly", False
-    return (
-        _on_a_line(time),
-        "the times are arrival times, in bursts: the samples are placed at even steps through them",
-        True,
-    )
+        return time, ""
+    if stands and _is_coarse(time):
+        return _ticks_spread(time), "the clock is coarse: samples with equal times are spread evenly"
+    return _on_a_line(time), _ARRIVAL
 
 
 def _is_coarse(time: Floats) -> bool:

@@ -17,53 +17,44 @@ Tell = Callable[[int, int], None]
 
 
 class Heard(NamedTuple):
-    """One message of a recording: its parsed key, its decoded content, and its log time, ns since the Unix epoch."""
+    """One message of a recording: its parsed key and its decoded content."""
 
     key: keys.Key
     said: Said
-    log_ns: int
 
 
-class Contents:
-    """Iterates over the decoded messages (Heard) of a ward's recording files, earliest file first.
+def contents(
+    paths: Sequence[Path], wanted: Sequence[str], tell: Tell, refused: Tally, trouble: list[str]
+) -> Iterator[Heard]:
+    """Yield the decoded messages of a ward's recording files, earliest file first.
 
     wanted: kinds of message to decode, by the first word of their topic; empty means all. tell(done, total): progress,
-    bytes. After iterating, `refused` counts the messages that could not be decoded, and `trouble` says what is wrong
-    with each file. `size`: bytes of the files read. Raises RecordingError for a file that is not a recording of a ward.
+    bytes. refused: counts the messages that could not be decoded. trouble: gets what is wrong with each file. Raises
+    RecordingError for a file that is not a recording of a ward.
     """
+    for path in paths:
+        check_file(path)
+    done, total = 0, sum(path.stat().st_size for path in paths)
+    for path in sorted(paths, key=_begin_ns) if len(paths) > 1 else paths:
+        for read, entry in _entries(path, trouble, refused):
+            if (heard := _heard(entry, wanted or tuple(KINDS), refused)) is not None:
+                yield heard
+            tell(done + read, total)
+        done += path.stat().st_size
 
-    def __init__(self, paths: Sequence[Path], wanted: Sequence[str] = (), tell: Tell = lambda _done, _of: None) -> None:
-        for path in paths:
-            check_file(path)
-        self.refused = Tally()
-        self.trouble: list[str] = []
-        self.size = 0
-        self._wanted = frozenset(wanted or KINDS)
-        self._tell = tell
-        self._paths = sorted(paths, key=_begin_ns) if len(paths) > 1 else list(paths)
 
-    def __iter__(self) -> Iterator[Heard]:
-        sizes = [path.stat().st_size for path in self._paths]
-        for path, size in zip(self._paths, sizes, strict=True):
-            for done, entry in _entries(path, self.trouble, self.refused):
-                if (heard := self._heard(entry)) is not None:
-                    yield heard
-                self._tell(self.size + done, sum(sizes))
-            self.size += size
-
-    def _heard(self, entry: Entry) -> Heard | None:
-        what = entry.topic.split("/", 1)[0]
-        if what not in self._wanted:
-            if what not in KINDS:
-                self.refused.add("foreign_topic")
-            return None
-        text = entry.facts.get("key", "")
-        try:
-            key = keys.parse(text)
-            return Heard(key, KINDS[what].decode(text, entry.payload), entry.log_ns)
-        except Refusal as refusal:
-            self.refused.add(refusal.reason)
-            return None
+def _heard(entry: Entry, wanted: Sequence[str], refused: Tally) -> Heard | None:
+    what = entry.topic.split("/", 1)[0]
+    if what not in wanted:
+        if what not in KINDS:
+            refused.add("foreign_topic")
+        return None
+    text = entry.facts.get("key", "")
+    try:
+        return Heard(keys.parse(text), KINDS[what].decode(text, entry.payload))
+    except Refusal as refusal:
+        refused.add(refusal.reason)
+        return None
 
 
 def _entries(path: Path, trouble: list[str], refused: Tally) -> Iterator[tuple[int, Entry]]:

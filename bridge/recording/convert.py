@@ -6,24 +6,22 @@ from typing import BinaryIO
 
 import numpy as np
 
-from bridge.recording import message_kinds
+from bridge.recording import column_files
 from bridge.recording.error import RecordingError
-from bridge.recording.export import WRITERS
+from bridge.recording.export import facts
 from bridge.recording.files import new_file
 from bridge.recording.formats.registry import check_extra
-from bridge.recording.mcap_writer import McapWriter
 from bridge.recording.message_kinds import KINDS
-from bridge.recording.per_sample import CopyChannels, PerSample
+from bridge.recording.per_sample import PerSample, write_copies
 from bridge.recording.recording import TICK_S, Recording, Told
-from bridge.recording.recording_file import ABOUT
+from bridge.recording.recording_file import Item, WardFile
 from bridge.recording.stretches import Stretch
 from bridge.wire import codec, keys
 from bridge.wire.messages import BootCause, DeviceInfo, SampleBatch
 
-ENDINGS = (*WRITERS, ".mcap", ".sto")
+ENDINGS = (*column_files.ENDINGS, ".mcap", ".sto")
 _BRIDGE, _WARD = "converted", "converted"
 _BATCH = 256
-_BOOT = 1
 
 
 def check_ending(out: Path) -> None:
@@ -49,20 +47,36 @@ def convert(recording: Recording, out: Path, device: str, begin_ns: int, *, per_
         if out.suffix.lower() == ".mcap":
             _write_mcap(file, stretch, per_sample=per_sample)
         else:
-            WRITERS[out.suffix.lower()](file, stretch)
+            column_files.write(file, out.suffix.lower(), stretch.columns, facts(stretch))
 
 
 def _stretch(recording: Recording, device: str, begin_ns: int) -> Stretch:
     n = len(recording)
     told = recording.told or Told(recording.ticks, TICK_S, recording.sequence, np.zeros(n, np.uint32))
     accel, warm = recording.accel, recording.temperature_c
-    boot = recording.boot or _BOOT
+    boot = recording.boot or 1
     return Stretch(
         device=device,
         bridge=_BRIDGE,
         boot=boot,
         number=1,
-        info=_info(recording, device, boot, begin_ns),
+        info=DeviceInfo(
+            device=device,
+            bridge=_BRIDGE,
+            boot=boot,
+            boot_cause=BootCause.UNKNOWN,
+            model=(recording.model or recording.name)[:32],
+            firmware="recording",
+            driver="",
+            port="",
+            rate_hz=recording.rate_hz,
+            measured_rate_hz=recording.rate_hz,
+            gyro_range=recording.gyro_range,
+            has_accel=accel is not None,
+            has_temperature=warm is not None,
+            time_ns=begin_ns,
+            samples=n,
+        ),
         tick_period_s=told.tick_period_s,
         sequence=told.sequence,
         ticks=told.ticks,
@@ -71,46 +85,19 @@ def _stretch(recording: Recording, device: str, begin_ns: int) -> Stretch:
         accel=None if accel is None else accel.astype(np.float32),
         temperature_c=None if warm is None else warm.astype(np.float32),
         flags=told.flags,
-        corrected=None,
-    )
-
-
-def _info(recording: Recording, device: str, boot: int, begin_ns: int) -> DeviceInfo:
-    return DeviceInfo(
-        device=device,
-        bridge=_BRIDGE,
-        boot=boot,
-        boot_cause=BootCause.UNKNOWN,
-        model=(recording.model or recording.name)[:32],
-        firmware="recording",
-        driver="",
-        port="",
-        rate_hz=recording.rate_hz,
-        measured_rate_hz=recording.rate_hz,
-        gyro_range=recording.gyro_range,
-        has_accel=recording.accel is not None,
-        has_temperature=recording.temperature_c is not None,
-        time_ns=begin_ns,
-        samples=len(recording),
+        computed={},
     )
 
 
 def _write_mcap(file: BinaryIO, of: Stretch, *, per_sample: bool) -> None:
-    writer = McapWriter(file, ABOUT, {"ward": _WARD, "version": "1"})
+    out, copies = WardFile(file, _WARD), PerSample(_WARD)
 
-    def channel(what: str) -> int:
+    def put(what: str, at_ns: int, payload: bytes) -> None:
         key = keys.build(_WARD, what, bridge=of.bridge, device=of.device)
-        return writer.channel(
-            message_kinds.topic(key),
-            message_kinds.PACKAGE + KINDS[what].schema,
-            message_kinds.DESCRIPTORS,
-            message_kinds.facts(key),
-        )
+        out.put(Item(key, KINDS[what], at_ns, payload), at_ns)
 
     if of.info is not None:
-        writer.add(channel("info"), int(of.time_ns[0]), int(of.time_ns[0]), codec.encode_info(of.info))
-    raw = channel("raw")
-    copies, channels = PerSample(_WARD), CopyChannels(writer)
+        put("info", int(of.time_ns[0]), codec.encode_info(of.info))
     holes = np.flatnonzero(np.diff(of.sequence) != 1) + 1
     for start, end in pairwise(np.unique(np.concatenate([np.arange(0, len(of), _BATCH), holes, [len(of)]])).tolist()):
         part = slice(start, end)
@@ -129,7 +116,7 @@ def _write_mcap(file: BinaryIO, of: Stretch, *, per_sample: bool) -> None:
             temperature_c=None if of.temperature_c is None else of.temperature_c[part],
             flags=of.flags[part],
         )
-        writer.add(raw, at_ns, at_ns, codec.encode_samples(batch))
-        for copy in copies.take(batch, at_ns * 1e-9) if per_sample else ():
-            channels.put(copy)
-    writer.finish()
+        put("raw", at_ns, codec.encode_samples(batch))
+        if per_sample:
+            write_copies(out.writer, copies.take(batch, at_ns * 1e-9))
+    out.writer.finish()

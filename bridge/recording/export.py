@@ -12,24 +12,18 @@ HDF5 has the arrays of npz, Parquet the columns of CSV.
 import csv
 import io
 import re
-from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bridge.reasons.catalogue import english
+from bridge.recording import column_files
+from bridge.recording.column_files import Columns
 from bridge.recording.error import RecordingError
 from bridge.recording.files import check_new, new_file
 from bridge.recording.stretches import Recorded, Stretch
 from bridge.wire.keys import boot_id
-
-AXES = "xyz"
-_ROWS = 10_000
-Columns = dict[str, NDArray[np.generic]]
-Write = Callable[[BinaryIO, Stretch], None]
-
 
 #: device names that could collide with another file's name: their files always carry the boot's number
 _TAKEN = re.compile(r"events|.*_boot\d+")
@@ -54,7 +48,7 @@ def export(recorded: Recorded, folder: Path, ending: str) -> list[Path]:
     """Write a file per stretch (boot of a device) and events.csv to a folder, and return the files.
 
     Raises RecordingError.
-    ending: format of the files, a key of WRITERS, such as ".npz". No existing file is overwritten.
+    ending: format of the files, one of column_files.ENDINGS. No existing file is overwritten.
     """
     make_folder(folder)
     named = {
@@ -67,7 +61,7 @@ def export(recorded: Recorded, folder: Path, ending: str) -> list[Path]:
     check_new(paths)
     for path, stretch in named.items():
         with new_file(path) as file:
-            WRITERS[ending](file, stretch)
+            column_files.write(file, ending, stretch.columns, facts(stretch))
     with new_file(paths[-1]) as file:
         _write_events(file, recorded)
     return paths
@@ -83,32 +77,6 @@ def make_folder(folder: Path) -> None:
         ) from None
     except OSError as error:
         raise RecordingError(f"{folder}: cannot be made: {error.strerror}") from None
-
-
-def columns(stretch: Stretch) -> Columns:
-    """Return the columns (n,), (n, 3) or (n, 4) of a stretch (samples of one boot) by name, in the order of the CSV.
-
-    The module's docstring lists names and units.
-    """
-    found: Columns = {"t_s": stretch.time_s, "gyro_rad_s": stretch.gyro}
-    if stretch.accel is not None:
-        found["accel_m_s2"] = stretch.accel
-    if stretch.temperature_c is not None:
-        found["temperature_c"] = stretch.temperature_c
-    if (corrected := stretch.corrected) is not None:
-        found |= {
-            "rate_rad_s": corrected.rate,
-            "rate_std_rad_s": corrected.rate_std,
-            "bias_rad_s": corrected.bias,
-            "quality": corrected.quality,
-        }
-    if (oriented := stretch.oriented) is not None:
-        found |= {
-            "quat_wxyz": oriented.quat_wxyz,
-            "tilt_std": oriented.tilt_std,
-            "heading_std": oriented.heading_std,
-        }
-    return found | {"host_time_ns": stretch.time_ns, "sequence": stretch.sequence, "flags": stretch.flags}
 
 
 def events(recorded: Recorded) -> list[Event]:
@@ -141,71 +109,10 @@ def _from_its_boot(stretch: Stretch) -> bool:
     return int(stretch.sequence[0]) == 0
 
 
-def flat(columns: Columns) -> Columns:
-    """Split columns (n, 3) and (n, 4) into one column (n,) per axis, named as in a CSV, such as gyro_x_rad_s."""
-    return {
-        name: axis
-        for column, values in columns.items()
-        for name, axis in zip(_names(column, values), np.atleast_2d(values.T), strict=True)
-    }
-
-
-def _arrays(stretch: Stretch) -> Columns:
-    arrays: Columns = {
-        **columns(stretch),
-        "device": np.array(stretch.device),
-        "boot": np.array(boot_id(stretch.boot)),
-    }
-    return {**arrays, "rate_hz": np.array(stretch.rate_hz)} if stretch.rate_hz else arrays
-
-
-def _write_npz(file: BinaryIO, stretch: Stretch) -> None:
-    np.savez(file, allow_pickle=False, **_arrays(stretch))
-
-
-def _write_hdf5(file: BinaryIO, stretch: Stretch) -> None:
-    from bridge.recording.formats import hdf5  # noqa: PLC0415 - an extra
-
-    hdf5.write(file, _arrays(stretch))
-
-
-def _write_parquet(file: BinaryIO, stretch: Stretch) -> None:
-    from bridge.recording.formats import parquet  # noqa: PLC0415 - an extra
-
-    parquet.write(file, flat(columns(stretch)))
-
-
-def _write_csv(file: BinaryIO, stretch: Stretch) -> None:
-    found = flat(columns(stretch))
-    file.write((",".join(found) + "\n").encode())
-    file.writelines("".join(",".join(row) + "\n" for row in rows).encode() for rows in rows_of(list(found.values())))
-
-
-def rows_of(values: list[NDArray[np.generic]], missing: str = "nan") -> Iterator[list[tuple[str, ...]]]:
-    """Yield the rows of columns (n,) or (n, 3) as tuples of texts, in lists of some thousands.
-
-    missing: text that replaces NaN.
-    """
-    for start in range(0, len(values[0]), _ROWS):
-        part = [column[start : start + _ROWS] for column in values]
-        texts = [_texts(axis, missing) for column in part for axis in np.atleast_2d(column.T)]
-        yield list(zip(*texts, strict=True))
-
-
-def _texts(column: NDArray[np.generic], missing: str) -> list[str]:
-    if column.dtype.kind != "f":
-        return [str(value) for value in column.tolist()]
-    form = "%.9g" if column.dtype == np.float32 else "%.9f"
-    return [form % value if value == value else missing for value in column.tolist()]  # noqa: PLR0124 - NaN is not itself
-
-
-def _names(column: str, values: NDArray[np.generic]) -> list[str]:
-    if values.ndim == 1:
-        return [column]
-    if column == "quat_wxyz":
-        return [f"quat_{part}" for part in "wxyz"]
-    name, unit = next((column[: -len(unit)], unit) for unit in ("_rad_s", "_m_s2") if column.endswith(unit))
-    return [f"{name}_{axis}{unit}" for axis in AXES]
+def facts(stretch: Stretch) -> Columns:
+    """Return what a file of arrays says of a whole stretch: device, boot and, if known, its rate in Hz."""
+    told: Columns = {"device": np.array(stretch.device), "boot": np.array(boot_id(stretch.boot))}
+    return {**told, "rate_hz": np.array(stretch.rate_hz)} if stretch.rate_hz else told
 
 
 def _write_events(file: BinaryIO, recorded: Recorded) -> None:
@@ -221,6 +128,3 @@ def _write_events(file: BinaryIO, recorded: Recorded) -> None:
 def harmless(text: str) -> str:
     """Return a text that no spreadsheet takes for a formula: one beginning with `=`, `+`, `-` or `@` gets a quote."""
     return f"'{text}" if text.startswith(("=", "+", "-", "@")) else text
-
-
-WRITERS: dict[str, Write] = {".npz": _write_npz, ".csv": _write_csv, ".h5": _write_hdf5, ".parquet": _write_parquet}

@@ -9,14 +9,24 @@ import stat
 from collections.abc import Iterable, Iterator
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, NamedTuple
 
 from bridge.recording.error import RecordingError
-from bridge.recording.retention import Finished
 from bridge.runtime.file_lock import lock
 from bridge.runtime.os_errors import why
 
 PART = ".part"
+
+
+class Finished(NamedTuple):
+    """A finished recording.
+
+    bytes: size of the file. ended_ns: when it was last written, host time, ns since the Unix epoch.
+    """
+
+    path: Path
+    bytes: int
+    ended_ns: int
 
 
 class Output:
@@ -27,7 +37,9 @@ class Output:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.file: BinaryIO = open_new(with_part(path))
+        self.file: BinaryIO = with_part(path).open("xb", buffering=0)
+        with contextlib.suppress(OSError):  # some file systems have no locks
+            lock(self.file.fileno())
 
     def sync(self) -> None:
         """Wait until the written data is on the disk. Raises OSError if the file was removed meanwhile."""
@@ -41,10 +53,6 @@ class Output:
         self.file.close()  # Windows renames no open file
         with_part(self.path).rename(self.path)
         sync_folder(self.path.parent)
-
-    def abandon(self) -> None:
-        """Close the file, unfinished, under its .part name."""
-        self.file.close()
 
     def discard(self) -> None:
         """Delete the unfinished file."""
@@ -102,6 +110,21 @@ class Folder:
                     found.append(Finished(path, state.st_size, state.st_mtime_ns))
         return found
 
+    def expired(self, more_bytes: int, now_ns: int, keep_s: float, keep_bytes: float) -> Iterator[tuple[Finished, str]]:
+        """Yield the recordings to delete, oldest first, each with the setting that demands it: keep_days or keep_gb.
+
+        more_bytes: size of the recording under way, which counts and is never deleted.
+        now_ns: host time, ns since the Unix epoch. keep_s: longest age, s. keep_bytes: largest size of all together.
+        """
+        finished = self.finished()
+        left = more_bytes + sum(one.bytes for one in finished)
+        for one in finished:
+            too_old = now_ns - one.ended_ns > keep_s * 1e9
+            if not too_old and left <= keep_bytes:
+                return
+            left -= one.bytes
+            yield one, "keep_days" if too_old else "keep_gb"
+
     def said(self, error: OSError) -> str:
         """Return a sentence on why a write to the folder failed, and what to do."""
         if error.errno == errno.EFBIG:
@@ -123,14 +146,6 @@ def recorded_in(path: Path) -> str:
     )
 
 
-def open_new(path: Path) -> BinaryIO:
-    """Create a new file for writing, locked and unbuffered. Raises FileExistsError."""
-    file = path.open("xb", buffering=0)
-    with contextlib.suppress(OSError):  # some file systems have no locks
-        lock(file.fileno())
-    return file
-
-
 def check_new(paths: Iterable[Path]) -> None:
     """Raise RecordingError if one of the files exists already, before any of them is written."""
     for path in paths:
@@ -141,12 +156,13 @@ def check_new(paths: Iterable[Path]) -> None:
 
 
 @contextlib.contextmanager
-def new_file(path: Path) -> Iterator[BinaryIO]:
+def new_file(path: Path, *, replace: bool = False) -> Iterator[BinaryIO]:
     """Context of a new file that appears under its name, complete and synced, only if the block ends without an error.
 
-    Raises RecordingError if the file exists already or cannot be written.
+    replace: an existing file is replaced. Raises RecordingError if the file exists already or cannot be written.
     """
-    check_new([path])
+    if not replace:
+        check_new([path])
     unfinished = path.with_name(f".{path.name}.new")
     try:
         try:
@@ -155,7 +171,7 @@ def new_file(path: Path) -> Iterator[BinaryIO]:
                 yield file
                 file.flush()
                 os.fsync(file.fileno())
-            unfinished.rename(path)
+            unfinished.replace(path)
             sync_folder(path.parent)
         finally:
             unfinished.unlink(missing_ok=True)

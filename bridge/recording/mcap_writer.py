@@ -78,6 +78,7 @@ class McapWriter:
         self._held = _Held(file)
         self._writer = Writer(self._held)
         self._schemas: dict[str, int] = {}
+        self._channels: dict[tuple[str, str], int] = {}
         self._sequences = Counter[int]()
         self._writer.start(library=LIBRARY)
         self._writer.add_metadata(name, facts)
@@ -91,13 +92,16 @@ class McapWriter:
     def channel(
         self, topic: str, schema: str, definition: bytes, facts: dict[str, str], *, encoding: Encoding = PROTOBUF
     ) -> int:
-        """Add a channel, the stream of a topic, and return its number for `add`.
+        """Return the number for `add` of the channel of a topic and schema; a new channel is added at the first call.
 
         schema, definition: name and data of the schema. facts: the channel's metadata.
         """
         if schema not in self._schemas:
             self._schemas[schema] = self._writer.register_schema(schema, encoding.schema, definition)
-        return self._writer.register_channel(topic, encoding.message, self._schemas[schema], facts)
+        if (topic, schema) not in self._channels:
+            number = self._writer.register_channel(topic, encoding.message, self._schemas[schema], facts)
+            self._channels[topic, schema] = number
+        return self._channels[topic, schema]
 
     def add(self, channel: int, log_ns: int, publish_ns: int, payload: bytes) -> None:
         """Add one message to a channel; flush if more than HELD_BYTES are held. Raises OSError.

@@ -5,7 +5,7 @@ import re
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,18 +46,6 @@ class Track(NamedTuple):
     rate: Floats | None
 
 
-class Written(NamedTuple):
-    """Result of a conversion to OpenSim: the files, the segments, and the number of rows.
-
-    left_out: number of rows left out because a device has a gap there.
-    """
-
-    paths: list[Path]
-    segments: list[str]
-    rows: int
-    left_out: int
-
-
 def convert(
     files: Sequence[Path],
     out: Path,
@@ -65,13 +53,13 @@ def convert(
     boot: int | None,
     segments: Mapping[str, str],
     skip_s: float = 0.0,
-) -> Written:
+) -> list[str]:
     """Write the orientations and rates of devices as OpenSim .sto files, at the sample times of the first device.
 
     out: the file of orientations; the file of rates lies beside it, if every device has rates. devices: ids to write,
     none for all. boot: which boot of a ward's recording, from 1. segments: body of the model by device id; without one,
     the body of the recorded placement, else the device id. skip_s: seconds to leave out at the beginning. Raises
-    RecordingError.
+    RecordingError. Returns the result as lines for the user.
     """
     tracks = [track for track in _tracks(files, boot) if not devices or track.device in devices]
     names = {track.device: segments.get(track.device, track.body) for track in tracks}
@@ -92,7 +80,8 @@ def convert(
     rate_hz = 1 / float(np.median(np.diff(seconds)))
     for path, kind, values in zip(paths, ("Quaternion", "Vec3"), (_quaternions, _rates), strict=False):
         _write(path, kind, rate_hz, seconds, {f"{names[t.device]}{IMU}": values(t, times) for t in tracks})
-    return Written(paths, list(names.values()), len(times), left_out)
+    lines = [f"{' and '.join(map(str, paths))}: {len(times):,} times of {', '.join(names.values())}"]
+    return lines + ([f"note: {left_out:,} times are left out: a device has a gap there"] if left_out else [])
 
 
 def _tracks(files: Sequence[Path], boot: int | None) -> list[Track]:
@@ -110,23 +99,17 @@ def _of_ward(files: list[Path], boot: int | None) -> list[Track]:
     for words in recorded.trouble:
         _log.warning("%s", words)
     for device, boots in recorded.stretches.items():
-        oriented = [one for one in boots if one.oriented is not None and boot in (None, one.number)]
+        oriented = [one for one in boots if "quat_wxyz" in one.computed and boot in (None, one.number)]
         if len(oriented) > 1:
             said = ", ".join(str(one.number) for one in oriented)
             raise RecordingError(f"{files[0]}: {len(oriented)} boots of {device}; choose one with --boot: {said}")
-        found += [_of_stretch(one) for one in oriented]
+        found += [_track(device, _body(one), one.time_ns, one.computed) for one in oriented]
     if not found:
         raise RecordingError(
             f"{files[0]}: no orientation was recorded; `truerate record` records it while a ward's estimator runs,"
             " and `truerate correct IN OUT.npz` computes it for one device"
         )
     return found
-
-
-def _of_stretch(of: Stretch) -> Track:
-    assert of.oriented is not None
-    rate = None if of.corrected is None else of.corrected.rate.astype(np.float64)
-    return _track(of.device, _body(of), of.time_ns, of.oriented.quat_wxyz.astype(np.float64), rate)
 
 
 def _body(of: Stretch) -> str:
@@ -156,25 +139,20 @@ def _of_npz(path: Path) -> Track:
     device = str(found.get("device", ""))
     if not keys.ID.match(device):
         device = re.sub("[^a-z0-9]+", "_", path.stem.lower()).strip("_")[:32] or "device"
-    return _track(
-        device,
-        device,
-        time_ns.astype(np.int64),
-        found["quat_wxyz"].astype(np.float64),
-        found.get("rate_rad_s"),
-    )
+    return _track(device, device, time_ns.astype(np.int64), found)
 
 
-def _track(device: str, body: str, time_ns: NDArray[np.int64], quat_wxyz: Floats, rate: Floats | None) -> Track:
+def _track(device: str, body: str, time_ns: NDArray[np.int64], columns: Mapping[str, NDArray[Any]]) -> Track:
     """Keep the samples with an orientation whose time is later than all before."""
+    quat_wxyz, rate = columns["quat_wxyz"], columns.get("rate_rad_s")
     later = time_ns > np.concatenate([[-1], np.maximum.accumulate(time_ns)[:-1]])
     rows = later & np.isfinite(quat_wxyz).all(axis=1)
     if rate is not None:
         rows &= np.isfinite(rate).all(axis=1)
-        rate = rate[rows]
+        rate = rate[rows].astype(np.float64)
     if rows.sum() < 2:
         raise RecordingError(f"{device}: {count(int(rows.sum()), 'sample')} with orientation; at least 2 are needed")
-    return Track(device, body, time_ns[rows], quat_wxyz[rows], rate)
+    return Track(device, body, time_ns[rows], quat_wxyz[rows].astype(np.float64), rate)
 
 
 def _common_times(tracks: list[Track], skip_s: float) -> tuple[NDArray[np.int64], int]:

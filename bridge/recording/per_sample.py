@@ -5,7 +5,7 @@ Readers of recordings pass the copies over, by the metadata COPY of their channe
 
 from collections.abc import Iterable, Iterator
 from math import inf
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 from bridge.recording.mcap_writer import ROS2, McapWriter
 from bridge.recording.message_kinds import Said
@@ -16,7 +16,6 @@ from bridge.wire.messages import CorrectedBatch, OrientationBatch, SampleBatch
 
 #: name in a channel's metadata: the kind of the batches whose samples the channel repeats
 COPY = "copy_of"
-Batch = TypeVar("Batch", SampleBatch, CorrectedBatch)
 _TOPICS = {"corrected": "imu", "raw": "imu_raw"}
 
 
@@ -43,22 +42,19 @@ class PerSample:
         self._ward = ward
         self._join = ImuJoin(patient=True)
         self._encoders: dict[str, messages.ImuEncoder] = {}
-        self._known: dict[tuple[str, str], tuple[int, SequenceTracker]] = {}  # the boot that sends now
+        self._known: dict[tuple[type, str], tuple[int, SequenceTracker]] = {}  # the boot that sends now
 
     def take(self, said: Said, now_s: float) -> Iterator[Copy]:
         """Take a decoded message; yield the copies of samples that are ready.
 
         A corrected sample waits for its orientation.
         """
-        if isinstance(said, SampleBatch):
-            yield from self._join_and_copy(said, now_s)
-            if (new := self._new("raw", said)) is not None:
-                yield from self._copies("raw", [reading_rows(new)])
-        elif isinstance(said, CorrectedBatch):
-            if (of := self._new("corrected", said)) is not None:
-                yield from self._join_and_copy(of, now_s)
-        elif isinstance(said, OrientationBatch):
-            yield from self._join_and_copy(said, now_s)
+        new = self._new(said) if isinstance(said, SampleBatch | CorrectedBatch) else None
+        joined = new if isinstance(said, CorrectedBatch) else said
+        if isinstance(joined, SampleBatch | CorrectedBatch | OrientationBatch):
+            yield from self._copies("corrected", self._join.take(joined, now_s))
+        if isinstance(new, SampleBatch):
+            yield from self._copies("raw", [reading_rows(new)])
 
     def due(self, now_s: float = inf) -> Iterator[Copy]:
         """Yield the copies of corrected samples that have waited long enough for further messages.
@@ -67,18 +63,14 @@ class PerSample:
         """
         return self._copies("corrected", self._join.due(now_s))
 
-    def _join_and_copy(self, said: SampleBatch | CorrectedBatch | OrientationBatch, now_s: float) -> Iterator[Copy]:
-        return self._copies("corrected", self._join.take(said, now_s))
-
-    def _new(self, what: str, batch: Batch) -> Batch | None:
-        boot, tracker = self._known.get((what, batch.device), (-1, None))
-        if tracker is None or boot != batch.boot:
-            tracker = SequenceTracker()
-            self._known[what, batch.device] = batch.boot, tracker
-        skip = tracker.follow(batch).skip
-        if skip == len(batch):
-            return None
-        return batch.after(skip) if skip else batch
+    def _new(self, batch: SampleBatch | CorrectedBatch) -> SampleBatch | CorrectedBatch | None:
+        """Return the samples of a batch that have not come before; None if there are none."""
+        kind = type(batch)
+        known = self._known.get((kind, batch.device))
+        if known is None or known[0] != batch.boot:
+            known = self._known[kind, batch.device] = batch.boot, SequenceTracker()
+        skip = known[1].follow(batch).skip
+        return batch.after(skip) if skip < len(batch) else None
 
     def _copies(self, what: str, found: Iterable[ImuRows]) -> Iterator[Copy]:
         for rows in found:
@@ -89,19 +81,9 @@ class PerSample:
                 yield Copy(topic, facts, time_ns, payload)
 
 
-class CopyChannels:
-    """Writes copies of samples to an MCAP file, and adds the channel of a topic at its first copy."""
-
-    def __init__(self, writer: McapWriter) -> None:
-        self._writer = writer
-        self._channels: dict[str, int] = {}
-
-    def put(self, copy: Copy) -> None:
-        """Write a copy with its sample time as log time. Raises OSError."""
-        channel = self._channels.get(copy.topic)
-        if channel is None:
-            channel = self._writer.channel(
-                copy.topic, messages.IMU, messages.definition(messages.IMU), copy.facts, encoding=ROS2
-            )
-            self._channels[copy.topic] = channel
-        self._writer.add(channel, copy.time_ns, copy.time_ns, copy.payload)
+def write_copies(writer: McapWriter, copies: Iterable[Copy]) -> None:
+    """Write copies of samples to an MCAP file, with their sample times as log times. Raises OSError."""
+    for copy in copies:
+        definition = messages.definition(messages.IMU)
+        channel = writer.channel(copy.topic, messages.IMU, definition, copy.facts, encoding=ROS2)
+        writer.add(channel, copy.time_ns, copy.time_ns, copy.payload)

@@ -12,14 +12,12 @@ from msgspec.structs import replace
 from bridge.recording import stretches
 from bridge.recording.error import MAX_BYTES, RecordingError, check_file
 from bridge.recording.formats.registry import WARD, format_of
-from bridge.recording.formats.streams import choose
-from bridge.recording.plausibility import believed_accel, check_gyro, doubts_of_gyro
+from bridge.recording.formats.streams import choose, choose_boot
 from bridge.recording.reading import AS_SAID, Reading
 from bridge.recording.recording import TICK_S, Recording, Told
 from bridge.recording.stretches import Stretch
-from bridge.recording.table import recording_of
+from bridge.recording.table import believed, recording_of
 from bridge.recording.text.reader import join_accel
-from bridge.terminal.plurals import count
 from bridge.wire.messages import Calibration
 
 __all__ = ["MAX_BYTES", "TICK_S", "Reading", "Recording", "RecordingError", "Told", "load"]
@@ -77,25 +75,14 @@ def _chosen(path: Path, device: str | None, boot: int | None) -> tuple[Stretch, 
     if not found:
         raise RecordingError(f"{path}: the recording has no samples; `truerate recording info` shows what it holds")
     boots = choose(path, found, device, "devices")
-    name = boots[0].device
-    if boot is None and len(boots) > 1:
-        said = ", ".join(f"{one.number} ({count(len(one), 'sample')}, {one.time_s[-1]:.0f} s)" for one in boots)
-        raise RecordingError(f"{path}: {len(boots)} boots of {name}; choose one with --boot: {said}")
-    if boot is not None and not 1 <= boot <= len(boots):
-        raise RecordingError(f"{path}: --boot is {boot}, but {name} has boots 1 to {len(boots)}")
-    chosen = boots[0 if boot is None else boot - 1]
+    at = choose_boot(path, [len(one) for one in boots], boot, boots[0].device)
+    chosen = boots[at]
     return chosen, recorded.calibrations_of(chosen)
 
 
 def _of_stretch(path: Path, of: Stretch, made: list[Calibration]) -> Recording:
-    if len(of) < 2:
-        raise RecordingError(f"{path}: {count(len(of), 'sample')} of {of.device}; at least 2 are needed")
-    gyro = of.gyro.astype(np.float64)
-    check_gyro(path, gyro, of.rate_hz)
-    accel, said = believed_accel(None if of.accel is None else of.accel.astype(np.float64))
-    notes = [*doubts_of_gyro(gyro, of.rate_hz), *([said] if said else [])]
-    for words in notes:
-        _log.warning("%s: %s", path, words)
+    gyro, notes = of.gyro.astype(np.float64), list[str]()
+    accel = believed(path, gyro, None if of.accel is None else of.accel.astype(np.float64), of.rate_hz, notes)
     return Recording(
         time_s=of.time_s,
         gyro=gyro,

@@ -67,21 +67,17 @@ class Reading(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     @property
     def gyro_factor(self) -> float | None:
         """Factor from the file's numbers to rad/s; None if no option gives it."""
-        if self.gyro_sensitivity is not None:
-            return GYRO["deg/s"] / self.gyro_sensitivity
-        return None if self.gyro_unit is None else unit_in(self.gyro_unit, GYRO)
+        return GYRO["deg/s"] / self.gyro_sensitivity if self.gyro_sensitivity else unit_in(self.gyro_unit or "", GYRO)
 
     @property
     def accel_factor(self) -> float | None:
         """Factor from the file's numbers to m/s²; None if no option gives it."""
-        if self.accel_sensitivity is not None:
-            return ACCEL["g"] / self.accel_sensitivity
-        return None if self.accel_unit is None else unit_in(self.accel_unit, ACCEL)
+        return ACCEL["g"] / self.accel_sensitivity if self.accel_sensitivity else unit_in(self.accel_unit or "", ACCEL)
 
     @property
     def time_factor(self) -> float | None:
         """Factor from the file's numbers to seconds; None if no option gives it."""
-        return None if self.time_unit is None else unit_in(self.time_unit, TIME)
+        return unit_in(self.time_unit or "", TIME)
 
 
 #: no option: the file is read as it says

@@ -8,6 +8,7 @@ import errno
 import logging
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
+from math import inf
 from pathlib import Path
 
 from bridge.bus.contract import Message
@@ -15,9 +16,9 @@ from bridge.recording import message_kinds
 from bridge.recording.files import Folder, recorded_in
 from bridge.recording.mcap_writer import MAX_CHANNELS
 from bridge.recording.message_kinds import KINDS, PRIVATE, Kind, Said
-from bridge.recording.per_sample import Copy, PerSample
+from bridge.recording.per_sample import PerSample, write_copies
 from bridge.recording.recording_file import MOST_OF_A_BRIDGE, Item, RecordingFile
-from bridge.recording.retention import expired
+from bridge.recording.settings import Recorder
 from bridge.runtime.os_errors import why as why_of
 from bridge.terminal.plurals import count
 from bridge.wire import keys
@@ -33,30 +34,16 @@ MOST_REPEATED = MAX_CHANNELS // 2
 
 #: interval between looks for recordings that have expired, s
 EXPIRE_S = 60.0
+#: seconds between flushes; so much may be lost in a power failure
+FLUSH_S = 0.4
+#: seconds between attempts after an error
+RETRY_S = 5.0
+#: bytes that must be free for a new file, in addition to those left free for others
+ROOM_BYTES = 16e6
 
 
 class NoRoom(OSError):
     """The disk's free space is less than the part reserved for others, or less than a new file needs."""
-
-
-@dataclass(frozen=True, slots=True)
-class Knobs:
-    """Settings of a recorder: when to begin a new file, how much disk to leave free, and when to delete old files.
-
-    A new file begins after rotate_s seconds or rotate_bytes. flush_s: seconds between flushes; so much may be lost in a
-    power failure. retry_s: seconds between attempts after an error.
-    A file is begun only if room_bytes are free in addition to keep_free_bytes. Finished files are deleted, the oldest
-    first, when they are older than keep_s seconds, or when all files together exceed keep_bytes.
-    """
-
-    rotate_s: float = 3600.0
-    rotate_bytes: float = 500e6
-    keep_free_bytes: float = 200e6
-    room_bytes: float = 16e6
-    flush_s: float = 0.4
-    retry_s: float = 5.0
-    keep_s: float = float("inf")
-    keep_bytes: float = float("inf")
 
 
 @dataclass(slots=True)
@@ -64,21 +51,19 @@ class Account:
     """Counts of recorded and lost messages, for progress and exit code.
 
     heard: when each device last sent samples, in seconds of `take`'s clock, by device id.
-    raw, corrected: number of readings and of corrected samples. messages: number written.
+    raw, corrected: number of readings and of corrected samples.
     closed_bytes: size of the files closed. files: their paths.
     """
 
     heard: dict[str, float] = field(default_factory=dict)
     raw: int = 0
     corrected: int = 0
-    messages: int = 0
     closed_bytes: int = 0
     files: list[Path] = field(default_factory=list)  # an unfinished file ends in PART
     refused: Tally = field(default_factory=Tally)
     not_recorded: int = 0  # messages that came while no file could be written, or were in its last chunk
     expired: int = 0  # finished recordings that were deleted
     trouble: str = ""  # why nothing can be written now; empty if all is well
-    copy_fault: str = ""  # why finished files are not copied to the bucket; empty if they are
 
 
 class WardRecorder:
@@ -92,25 +77,22 @@ class WardRecorder:
         self,
         place: Folder,
         ward: str,
-        devices: Iterable[str] = (),
-        knobs: Knobs | None = None,
+        settings: Recorder,
         *,
-        per_sample: bool = False,
         copied: Callable[[Path], bool] = lambda _: True,
     ) -> None:
-        """per_sample: also write each sample as one ROS 2 message. copied: whether a finished file is where it is copied to."""
+        """copied: whether a finished file is where it is copied to."""
         self.account, self._copied = Account(), copied
-        self._place, self._ward, self._devices = place, ward, frozenset(devices)
-        self._knobs = knobs or Knobs()
-        self._per_sample = PerSample(ward) if per_sample else None
+        self._place, self._ward, self._settings = place, ward, settings
+        self._per_sample = PerSample(ward) if settings.per_sample else None
         self._file: RecordingFile | None = None
         self._latest: dict[str, Item] = {}
         self._began_s = self._flushed_s = self._retry_s = 0.0
-        self._expire_s, self._undeletable = float("-inf"), set[Path]()
+        self._expire_s, self._undeletable = -inf, set[Path]()
 
-    def use(self, devices: Iterable[str], knobs: Knobs) -> None:
-        """Use other settings from now on. devices: ids of the devices to record; all if empty."""
-        self._devices, self._knobs = frozenset(devices), knobs
+    def use(self, settings: Recorder) -> None:
+        """Use other settings from now on; `folder`, `wait_s` and `per_sample` stay as they were."""
+        self._settings = settings
 
     @property
     def size(self) -> int:
@@ -122,11 +104,11 @@ class WardRecorder:
 
         Raises OSError if that is impossible, NoRoom on a full disk.
         """
-        self._check_room(self._knobs.keep_free_bytes + self._knobs.room_bytes)
-        self._file = RecordingFile(self._place.begin(wall_ns), self._ward)
+        self._check_room(ROOM_BYTES)
+        file = self._file = RecordingFile(self._place.begin(wall_ns), self._ward)
         self._began_s = now_s
-        self._flushed_s = now_s - self._knobs.flush_s  # the first tick then flushes the repeated messages
-        self._latest = {key: item for key, item in self._latest.items() if self._put(item, wall_ns)}
+        self._flushed_s = now_s - FLUSH_S  # the first tick then flushes the repeated messages
+        self._latest = {key: item for key, item in self._latest.items() if self._put(file, item, wall_ns)}
 
     def take(self, messages: Iterable[Message], wall_ns: int, now_s: float) -> None:
         """Record messages from the bus; count those that are refused, or come while nothing can be written.
@@ -142,10 +124,10 @@ class WardRecorder:
                 self.account.not_recorded += 1
             else:
                 try:
-                    if not self._put(item, wall_ns):
+                    if not self._put(self._file, item, wall_ns):
                         continue
                     if self._per_sample is not None:
-                        self._put_copies(self._per_sample.take(said, now_s))
+                        write_copies(self._file.writer, self._per_sample.take(said, now_s))
                 except OSError as error:
                     self._stall(error, now_s)
             if isinstance(said, SampleBatch | CorrectedBatch):
@@ -161,17 +143,25 @@ class WardRecorder:
         if now_s >= self._expire_s:
             self._expire_s = now_s + EXPIRE_S
             self._expire(wall_ns)
-        if self._file is None:
+        file = self._file
+        if file is None:
             if now_s >= self._retry_s:
                 self._try_again(wall_ns, now_s)
             return
-        if (per_sample := self._per_sample) is not None:
-            self._guarded(lambda: self._put_copies(per_sample.due(now_s)), now_s)
-        if now_s - self._flushed_s >= self._knobs.flush_s:
-            self._flushed_s = now_s
-            self._guarded(self._flush, now_s)
-            if self._is_long(now_s):
-                self._guarded(lambda: self._rotate(wall_ns, now_s), now_s)
+        try:
+            if self._per_sample is not None:
+                write_copies(file.writer, self._per_sample.due(now_s))
+            if now_s - self._flushed_s >= FLUSH_S:
+                self._flushed_s = now_s
+                file.writer.flush()
+                file.output.sync()
+                self._check_room(0.0)
+                lasted_s, size_mb = now_s - self._began_s, file.writer.size / 1e6
+                if lasted_s >= self._settings.rotate_s or size_mb >= self._settings.rotate_mb:
+                    self._finish(file)
+                    self.begin(wall_ns, now_s)
+        except OSError as error:
+            self._stall(error, now_s)
 
     def said(self, error: OSError) -> str:
         """Return a sentence on why nothing can be written."""
@@ -182,9 +172,14 @@ class WardRecorder:
 
         An error is logged, and counted in `account`.
         """
-        if (per_sample := self._per_sample) is not None:
-            self._guarded(lambda: self._put_copies(per_sample.due()), 0.0)
-        self._guarded(self._finish, 0.0)
+        if (file := self._file) is None:
+            return
+        try:
+            if self._per_sample is not None:
+                write_copies(file.writer, self._per_sample.due())
+            self._finish(file)
+        except OSError as error:
+            self._stall(error, 0.0)
 
     # ---- what comes in --------------------------------------------------------------------------------------------
 
@@ -197,7 +192,7 @@ class WardRecorder:
             if kind is None:
                 self.account.refused.add(f"kind_{key.what}")
                 return None
-            if self._devices and key.device not in self._devices:
+            if self._settings.devices and key.device not in self._settings.devices:
                 return None
             return kind, kind.decode(message.key, message.payload)
         except Refusal as refusal:
@@ -214,10 +209,9 @@ class WardRecorder:
 
     # ---- the file -------------------------------------------------------------------------------------------------
 
-    def _put(self, item: Item, wall_ns: int) -> bool:
+    def _put(self, file: RecordingFile, item: Item, wall_ns: int) -> bool:
         """Write a message; False if there are too many channels."""
-        if self._file is None or self._file.put(item, message_kinds.log_ns(item.own_ns, wall_ns)):
-            self.account.messages += self._file is not None
+        if file.put(item, message_kinds.log_ns(item.own_ns, wall_ns)):
             return True
         self.account.not_recorded += 1
         if self.account.refused.add("too_many_channels") == 1:
@@ -229,38 +223,24 @@ class WardRecorder:
             )
         return False
 
-    def _put_copies(self, copies: Iterable[Copy]) -> None:
-        for copy in copies:
-            if self._file is not None:
-                self._file.copies.put(copy)
-
-    def _flush(self) -> None:
-        if self._file is None:
-            return
-        self._file.writer.flush()
-        self._file.output.sync()
-        self._check_room(self._knobs.keep_free_bytes)
-
-    def _check_room(self, wanted: float) -> None:
-        free = self._place.free_bytes()
-        if free < wanted:
+    def _check_room(self, more_bytes: float) -> None:
+        free_mb, kept_mb = self._place.free_bytes() / 1e6, self._settings.keep_free_mb
+        wanted_mb = kept_mb + more_bytes / 1e6
+        if free_mb < wanted_mb:
             raise NoRoom(
-                f"the disk is nearly full: {free / 1e6:.1f} MB are free, {wanted / 1e6:.1f} MB are needed (keep_free_mb "
-                f"keeps {self._knobs.keep_free_bytes / 1e6:.0f} MB free)"
+                f"the disk is nearly full: {free_mb:.1f} MB are free, {wanted_mb:.1f} MB are needed (keep_free_mb "
+                f"keeps {kept_mb:.0f} MB free)"
             )
-
-    def _is_long(self, now_s: float) -> bool:
-        if self._file is None:
-            return False
-        return now_s - self._began_s >= self._knobs.rotate_s or self._file.writer.size >= self._knobs.rotate_bytes
 
     def _expire(self, wall_ns: int) -> None:
         """Delete the recordings that have expired; each is logged and counted."""
-        keep_s, keep_bytes = self._knobs.keep_s, self._knobs.keep_bytes
-        if min(keep_s, keep_bytes) == float("inf"):
+        settings = self._settings
+        if not settings.keep_days and not settings.keep_gb:
             return
         size = self._file.writer.size if self._file else 0
-        for one, why in expired(self._place.finished(), size, wall_ns, keep_s, keep_bytes):
+        for one, why in self._place.expired(
+            size, wall_ns, settings.keep_days * 86_400 or inf, settings.keep_gb * 1e9 or inf
+        ):
             lost = "" if self._copied(one.path) else ", before it was copied to the bucket"
             try:
                 one.path.unlink()
@@ -273,25 +253,12 @@ class WardRecorder:
             self.account.files = [path for path in self.account.files if path != one.path]
             _log.warning("%s (%.1f MB) is deleted, as %s says%s", one.path, one.bytes / 1e6, why, lost)
 
-    def _rotate(self, wall_ns: int, now_s: float) -> None:
-        self._finish()
-        self.begin(wall_ns, now_s)
-
-    def _finish(self) -> None:
-        if self._file is None:
-            return
-        file = self._file
+    def _finish(self, file: RecordingFile) -> None:
         file.writer.finish()
         file.output.finish()
         self._file = None
         self.account.closed_bytes += file.writer.size
         self.account.files.append(file.output.path)
-
-    def _guarded(self, work: Callable[[], None], now_s: float) -> None:
-        try:
-            work()
-        except OSError as error:
-            self._stall(error, now_s)
 
     def _stall(self, error: OSError, now_s: float) -> None:
         """Close the file after an error, finished if possible, and schedule the next attempt."""
@@ -301,7 +268,7 @@ class WardRecorder:
         removed = isinstance(error, FileNotFoundError)
         again = removed or error.errno == errno.EFBIG
         at_once = again and file is not None and file.writer.messages
-        self._retry_s = now_s if at_once else now_s + self._knobs.retry_s
+        self._retry_s = now_s if at_once else now_s + RETRY_S
         words = ""
         if file is not None:
             left = file.left(writable=isinstance(error, NoRoom))
@@ -316,7 +283,7 @@ class WardRecorder:
         try:
             self.begin(wall_ns, now_s)
         except OSError as error:
-            self._retry_s = now_s + self._knobs.retry_s
+            self._retry_s = now_s + RETRY_S
             _log.debug("still: %s", self.said(error))
             return
         self.account.trouble = ""

@@ -1,14 +1,13 @@
-"""One file of a recorder: writes messages to channels, and closes the file after an error."""
+"""MCAP file of a ward's messages, with a channel per key; and one file of a recorder, closed after an error."""
 
 from collections import Counter
 from pathlib import Path
-from typing import NamedTuple
+from typing import BinaryIO, NamedTuple
 
 from bridge.recording import message_kinds
 from bridge.recording.files import Output, with_part
 from bridge.recording.mcap_writer import MAX_CHANNELS, McapWriter
 from bridge.recording.message_kinds import Kind
-from bridge.recording.per_sample import CopyChannels
 from bridge.wire import keys
 
 #: name of the metadata record at the beginning of every truerate file
@@ -29,20 +28,14 @@ class Item(NamedTuple):
     payload: bytes
 
 
-class RecordingFile:
-    """One MCAP file of a recorder, which gets a channel per key. Raises OSError if its beginning cannot be written.
+class WardFile:
+    """MCAP file of a ward's messages, which gets a channel per key. Raises OSError if its beginning cannot be written.
 
-    output: the open file. ward: id in the file's metadata. writer: for flush and finish. copies: for copies of samples.
+    ward: id in the file's metadata. writer: for flush and finish, and for copies of samples.
     """
 
-    def __init__(self, output: Output, ward: str) -> None:
-        self.output = output
-        try:
-            self.writer = McapWriter(output.file, ABOUT, {"ward": ward, "version": "1"})
-        except OSError:
-            output.discard()
-            raise
-        self.copies = CopyChannels(self.writer)
+    def __init__(self, file: BinaryIO, ward: str) -> None:
+        self.writer = McapWriter(file, ABOUT, {"ward": ward, "version": "1"})
         self._channels: dict[str, int] = {}
         self._of_bridges = Counter[str]()
 
@@ -64,6 +57,18 @@ class RecordingFile:
         self.writer.add(channel, log_ns, item.own_ns, item.payload)
         return True
 
+
+class RecordingFile(WardFile):
+    """One file of a recorder. output: the open file, which is deleted if its beginning cannot be written."""
+
+    def __init__(self, output: Output, ward: str) -> None:
+        self.output = output
+        try:
+            super().__init__(output.file, ward)
+        except OSError:
+            output.discard()
+            raise
+
     def left(self, *, writable: bool) -> Path | None:
         """Close the file after an error and return its path; None if it held no message and was deleted.
 
@@ -80,5 +85,5 @@ class RecordingFile:
                 return path
         except OSError:
             pass
-        self.output.abandon()
+        self.output.file.close()
         return with_part(path)

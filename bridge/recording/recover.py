@@ -1,10 +1,10 @@
 """Recovers a torn or damaged recording: copies every readable message to a new file, and reports the losses."""
 
-import contextlib
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from itertools import chain
 from pathlib import Path
 from typing import BinaryIO
 
@@ -12,8 +12,8 @@ from bridge.recording.error import RecordingError, check_file
 from bridge.recording.files import PART, in_use, new_file
 from bridge.recording.mcap_reader import Entry, McapReader
 from bridge.recording.mcap_writer import PROTOBUF, ROS2, McapWriter
-from bridge.recording.message_kinds import KINDS, PACKAGE
-from bridge.recording.per_sample import COPY, CopyChannels, PerSample
+from bridge.recording.message_kinds import KINDS, PACKAGE, Said
+from bridge.recording.per_sample import COPY, PerSample, write_copies
 from bridge.recording.recording_file import ABOUT
 from bridge.runtime.os_errors import why
 from bridge.terminal.plurals import count
@@ -80,26 +80,6 @@ def add_per_sample(path: Path, out: Path, device: str = "", tell: Tell = lambda 
         raise RecordingError(f"{path}: cannot be read: {why(error)}") from None
 
 
-class _SampleCopies:
-    """Writes the copies of the samples of entries."""
-
-    def __init__(self, writer: McapWriter, ward: str) -> None:
-        self._per_sample, self._channels = PerSample(ward), CopyChannels(writer)
-
-    def take(self, entry: Entry) -> None:
-        """Write the copies that are ready after an entry; an invalid message has none."""
-        key = entry.facts.get("key", "")
-        with contextlib.suppress(Refusal, KeyError):
-            said = KINDS[keys.parse(key).what].decode(key, entry.payload)
-            for copy in self._per_sample.take(said, entry.log_ns * 1e-9):
-                self._channels.put(copy)
-
-    def finish(self) -> None:
-        """Write the copies that still wait for further messages."""
-        for copy in self._per_sample.due():
-            self._channels.put(copy)
-
-
 def _copied(
     reader: McapReader,
     copy: BinaryIO,
@@ -110,49 +90,56 @@ def _copied(
     per_sample: bool = False,
     device: str = "",
 ) -> Recovered:
-    writer: McapWriter | None = None
-    samples: _SampleCopies | None = None
-    channels: dict[tuple[str, str], int] = {}
-    first_ns = last_ns = 0
     foreign = Counter[str]()
+    entries = _ours(reader, foreign, device, per_sample=per_sample)
+    if (first := next(entries, None)) is None:
+        raise RecordingError(f"{path}: {_why_nothing(reader, foreign, device)}")
+    about = reader.facts.get(ABOUT, {})
+    writer = McapWriter(copy, ABOUT, about)
+    samples = PerSample(about.get("ward", ""))
+    first_ns = last_ns = first.log_ns
+    for entry in chain([first], entries):
+        encoding = ROS2 if COPY in entry.facts else PROTOBUF
+        definition = reader.descriptors[entry.schema]
+        channel = writer.channel(entry.topic, entry.schema, definition, entry.facts, encoding=encoding)
+        writer.add(channel, entry.log_ns, entry.publish_ns, entry.payload)
+        if per_sample and (said := _said(entry)) is not None:
+            write_copies(writer, samples.take(said, entry.log_ns * 1e-9))
+        first_ns, last_ns = min(first_ns, entry.log_ns), max(last_ns, entry.log_ns)
+        tell(reader.good, reader.size)
+    write_copies(writer, samples.due())
+    writer.finish()
+    others = [f"{count(n, 'message')} of {schema or 'no schema'!r} skipped" for schema, n in foreign.items()]
+    return Recovered(target, writer.messages, first_ns, last_ns, (*reader.trouble, *others))
+
+
+def _ours(reader: McapReader, foreign: Counter[str], device: str, *, per_sample: bool) -> Iterator[Entry]:
+    """Yield the messages to copy, and count by schema those of other programs. per_sample: leave out older copies."""
     for entry in reader.entries():
         is_copy = COPY in entry.facts
         if (is_copy and per_sample) or (device and entry.facts.get("device") != device):
             continue
-        if not entry.schema.startswith(PACKAGE) and not is_copy:
+        if is_copy or entry.schema.startswith(PACKAGE):
+            yield entry
+        else:
             foreign[entry.schema] += 1
-            continue
-        if writer is None:
-            about = reader.facts.get(ABOUT, {})
-            writer = McapWriter(copy, ABOUT, about)
-            samples = _SampleCopies(writer, about.get("ward", "")) if per_sample else None
-        which = entry.topic, entry.schema
-        if which not in channels:
-            encoding = ROS2 if is_copy else PROTOBUF
-            definition = reader.descriptors[entry.schema]
-            channels[which] = writer.channel(*which, definition, entry.facts, encoding=encoding)
-        writer.add(channels[which], entry.log_ns, entry.publish_ns, entry.payload)
-        if samples is not None:
-            samples.take(entry)
-        first_ns, last_ns = min(first_ns or entry.log_ns, entry.log_ns), max(last_ns, entry.log_ns)
-        tell(reader.good, reader.size)
-    if writer is None and foreign:
-        raise RecordingError(
-            f"{path}: not a recording by truerate: it holds {next(iter(foreign)) or 'no schema'!r} messages"
-        )
-    if writer is None and device:
-        raise RecordingError(
-            f"{path}: nothing of --device {device!r}; `truerate recording info` shows what the file holds"
-        )
-    if writer is None:
-        raise RecordingError(
-            f"{path}: nothing can be recovered: {'; '.join(reader.trouble) or 'the file holds no message'}"
-        )
-    if samples is not None:
-        samples.finish()
-    writer.finish()
-    others = [f"{count(n, 'message')} of {schema or 'no schema'!r} skipped" for schema, n in foreign.items()]
-    return Recovered(target, writer.messages, first_ns, last_ns, (*reader.trouble, *others))
+
+
+def _why_nothing(reader: McapReader, foreign: Counter[str], device: str) -> str:
+    if foreign:
+        return f"not a recording by truerate: it holds {next(iter(foreign)) or 'no schema'!r} messages"
+    if device:
+        return f"nothing of --device {device!r}; `truerate recording info` shows what the file holds"
+    return f"nothing can be recovered: {'; '.join(reader.trouble) or 'the file holds no message'}"
+
+
+def _said(entry: Entry) -> Said | None:
+    """Return the decoded message of an entry; None for an invalid one."""
+    key = entry.facts.get("key", "")
+    try:
+        return KINDS[keys.parse(key).what].decode(key, entry.payload)
+    except (Refusal, KeyError):
+        return None
 
 
 def _name(path: Path) -> Path:

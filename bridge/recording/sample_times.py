@@ -4,13 +4,12 @@ from pathlib import Path
 
 import numpy as np
 
-from bridge.recording.bad_rows import keep_rows
+from bridge.recording.bad_rows import keep_rows, repeated, repeated_without_time
 from bridge.recording.clock import ClockFault, mend
 from bridge.recording.error import RecordingError
 from bridge.recording.plausibility import check_rate, check_time, rate_of
 from bridge.recording.reading import Reading
 from bridge.recording.recording import Floats
-from bridge.recording.repeats import repeated, repeated_without_time
 from bridge.terminal.plurals import count
 
 _OTHER_RATE = 0.02  # relative: a stated and a measured rate that differ by more are told to the user
@@ -34,8 +33,9 @@ def sample_times(
         keep_rows(columns, ~again)
     if len(columns["t_s"]) < 2:
         raise RecordingError(f"{path}: {count(len(columns['t_s']), 'distinct row')}; at least 2 are needed")
+    repairs = list[str]()
     try:
-        mended = mend(columns["t_s"], tick_s)
+        mended = mend(columns["t_s"], tick_s, repairs)
     except ClockFault as fault:
         if reading.rate_hz is None:
             raise RecordingError(f"{path}: {fault}") from None
@@ -43,7 +43,7 @@ def sample_times(
         return _counted(path, columns, reading.rate_hz, notes), [0]
     if not rises:
         keep_rows(columns, mended.order)
-    notes += mended.notes
+    notes += repairs
     time = mended.time
     if reading.rate_hz is not None:
         return _at_told_rate(time, mended.starts, reading.rate_hz, notes, arrival=mended.arrival), mended.starts
@@ -77,28 +77,20 @@ def _values(columns: dict[str, Floats]) -> Floats:
 
 def _counted(path: Path, columns: dict[str, Floats], rate: float, notes: list[str]) -> Floats:
     """Return times from a sample counter if there is a usable one, else from row numbers."""
-    counter = columns.pop("counter", None)
+    counter, values = columns.get("counter"), _values(columns)
     counts = counter is not None and len(np.unique(counter)) > len(counter) / 2
-    again = (
-        repeated(counter, _values(columns))
-        if counts and counter is not None
-        else repeated_without_time(_values(columns))
-    )
+    again = repeated(counter, values) if counter is not None and counts else repeated_without_time(values)
     share = float(np.mean(again))
     if share > _MOST_REPEATED:
         raise RecordingError(
             f"{path}: {share:.0%} of the rows repeat an earlier row, and without times repeats cannot be told from new samples: "
             "export the file with times"
         )
+    columns["row"] = columns.get("row", np.arange(len(again), dtype=np.float64)) - np.cumsum(again)
     if again.any():
         notes.append(f"{count(int(again.sum()), 'row')} left out: equal to an earlier row in all values")
-    number = columns.pop("row", None)
-    rows = np.arange(len(again), dtype=np.float64) if number is None else number
-    rows = rows - np.cumsum(again)
-    if again.any():
-        rows = rows[~again]
-        counter = None if counter is None else counter[~again]
         keep_rows(columns, ~again)
+    rows, counter = columns["row"], columns.get("counter")
     if counter is not None and (by_counter := _numbers(counter)) is not None:
         if (missing := int(by_counter[-1]) + 1 - len(by_counter)) and int(by_counter[-1]) != int(rows[-1] - rows[0]):
             notes.append(f"{count(missing, 'sample')} missing, by the counter")

@@ -3,11 +3,13 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bridge.reasons.catalogue import in_words
+from bridge.recording.column_files import Columns
 from bridge.recording.contents import Tell
 from bridge.recording.error import RecordingError
 from bridge.recording.survey import Boot, Device, survey
@@ -24,36 +26,6 @@ from bridge.wire.messages import (
 )
 
 Singles = NDArray[np.float32]
-#: quality of a sample without a recorded corrected rate
-NOT_CORRECTED = -1
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Rates:
-    """Corrected rates of a Stretch (samples of one boot), one row per sample.
-
-    NaN for a sample without a corrected rate.
-    rate, rate_std, bias (n, 3): rad/s, sensor frame, as in a CorrectedBatch.
-    quality (n,): number of messages.Quality, or NOT_CORRECTED.
-    """
-
-    rate: Singles
-    rate_std: Singles
-    bias: Singles
-    quality: NDArray[np.int8]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Attitudes:
-    """Orientation of a Stretch (samples of one boot), one row per sample; NaN for a sample without one.
-
-    quat_wxyz (n, 4): sensor to earth, scalar first. tilt_std, heading_std (n,): standard deviations in rad, of the last
-    sample of the sample's message.
-    """
-
-    quat_wxyz: Singles
-    tilt_std: Singles
-    heading_std: Singles
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,7 +35,12 @@ class Stretch:
     boot: boot id. number: of the device's stretch, from 1. tick_period_s: seconds per tick.
     time_ns (n,): host time, ns since the Unix epoch. gyro (n, 3): rad/s.
     accel (n, 3): m/s², None if any sample lacks it. temperature_c (n,): °C, gaps interpolated, None if no sample has
-    it. flags (n,): SampleFlag bits. corrected, oriented: None if not recorded.
+    it. flags (n,): SampleFlag bits.
+
+    computed: columns that were computed live, by name; empty if none were recorded. rate_rad_s, rate_std_rad_s and
+    bias_rad_s (n, 3), sensor frame, NaN for a sample without a corrected rate, and quality (n,), number of
+    messages.Quality, or -1 there. quat_wxyz (n, 4), sensor to earth, scalar first, tilt_std and heading_std (n,) in
+    rad, of the last sample of the sample's message; NaN for a sample without an orientation.
     """
 
     device: str
@@ -79,8 +56,7 @@ class Stretch:
     accel: Singles | None
     temperature_c: Singles | None
     flags: NDArray[np.uint32]
-    corrected: Rates | None
-    oriented: Attitudes | None = None
+    computed: Columns
     #: where and by whom the device was worn, in order; each holds until the next
     placements: tuple[Placement, ...] = ()
 
@@ -91,6 +67,16 @@ class Stretch:
     def time_s(self) -> NDArray[np.float64]:
         """(n,) seconds of the device's clock since the first sample."""
         return np.asarray((self.ticks - self.ticks[0]) * self.tick_period_s, dtype=np.float64)
+
+    @property
+    def columns(self) -> Columns:
+        """Columns (n,), (n, 3) or (n, 4) by name: readings, what was computed, host_time_ns, sequence and flags."""
+        found: Columns = {"t_s": self.time_s, "gyro_rad_s": self.gyro}
+        if self.accel is not None:
+            found["accel_m_s2"] = self.accel
+        if self.temperature_c is not None:
+            found["temperature_c"] = self.temperature_c
+        return found | self.computed | {"host_time_ns": self.time_ns, "sequence": self.sequence, "flags": self.flags}
 
     @property
     def rate_hz(self) -> float:
@@ -199,8 +185,7 @@ def _stretch(name: str, device: Device, boot: Boot, batches: list[SampleBatch], 
         accel=np.concatenate(accels) if len(accels) == len(batches) else None,
         temperature_c=_temperature(batches),
         flags=np.concatenate([batch.flags for batch in batches]),
-        corrected=_rates(boot.rates, sequence, ticks),
-        oriented=_attitudes(boot.attitudes, sequence, ticks),
+        computed=_computed(boot, sequence, ticks),
         placements=device.worn(int(time_ns[0]), int(time_ns[-1])),
     )
 
@@ -215,32 +200,30 @@ def _temperature(batches: list[SampleBatch]) -> Singles | None:
     return np.interp(np.arange(len(column)), known, column[known]).astype(np.float32)
 
 
-def _rates(batches: list[CorrectedBatch], sequence: NDArray[np.int64], ticks: NDArray[np.uint64]) -> Rates | None:
-    """Return corrected rates for the samples with these numbers and ticks; of a sample corrected twice, the last."""
-    rates = Rates(
-        rate=np.full((len(ticks), 3), np.nan, np.float32),
-        rate_std=np.full((len(ticks), 3), np.nan, np.float32),
-        bias=np.full((len(ticks), 3), np.nan, np.float32),
-        quality=np.full(len(ticks), NOT_CORRECTED, np.int8),
-    )
+def _computed(boot: Boot, sequence: NDArray[np.int64], ticks: NDArray[np.uint64]) -> Columns:
+    """Return corrected rates and orientation of the samples with these numbers and ticks; of two for a sample, the last."""
+    found = dict[str, NDArray[Any]]()
+    batches: list[CorrectedBatch | OrientationBatch] = [*boot.rates, *boot.attitudes]
     for batch in batches:
         rows, mine = _rows(batch, sequence, ticks)
-        rates.rate[rows], rates.rate_std[rows] = batch.rate[mine], batch.rate_std[mine]
-        rates.bias[rows], rates.quality[rows] = batch.bias, batch.quality
-    return rates if (rates.quality != NOT_CORRECTED).any() else None
+        if not len(rows):
+            continue
+        for name, values in _columns_of(batch).items():
+            if name not in found:
+                missing = np.nan if values.dtype.kind == "f" else -1
+                found[name] = np.full((len(ticks), *values.shape[1:]), missing, values.dtype)
+            found[name][rows] = values[mine]
+    return found
 
 
-def _attitudes(
-    batches: list[OrientationBatch], sequence: NDArray[np.int64], ticks: NDArray[np.uint64]
-) -> Attitudes | None:
-    """Return the orientation of the samples with these numbers and ticks; of a sample in two messages, the last."""
-    n = len(ticks)
-    found = Attitudes(np.full((n, 4), np.nan, np.float32), *(np.full(n, np.nan, np.float32) for _ in range(2)))
-    for batch in batches:
-        rows, mine = _rows(batch, sequence, ticks)
-        found.quat_wxyz[rows] = batch.quat_wxyz[mine]
-        found.tilt_std[rows], found.heading_std[rows] = batch.tilt_std, batch.heading_std
-    return found if np.isfinite(found.tilt_std).any() else None
+def _columns_of(batch: CorrectedBatch | OrientationBatch) -> Columns:
+    n = len(batch)
+    if isinstance(batch, CorrectedBatch):
+        std = batch.rate_std.astype(np.float32)
+        bias, quality = np.tile(batch.bias, (n, 1)), np.full(n, batch.quality, np.int8)
+        return {"rate_rad_s": batch.rate, "rate_std_rad_s": std, "bias_rad_s": bias, "quality": quality}
+    tilt, heading = (np.full(n, std, np.float32) for std in (batch.tilt_std, batch.heading_std))
+    return {"quat_wxyz": batch.quat_wxyz, "tilt_std": tilt, "heading_std": heading}
 
 
 def _rows(

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from bridge.recording.contents import Contents, Tell
+from bridge.recording.contents import Tell, contents
 from bridge.recording.sequence_tracker import SequenceTracker
 from bridge.wire.messages import (
     Calibration,
@@ -179,11 +179,11 @@ def survey(
     tell(done, total): progress in bytes. wanted: kinds of message to read, by the first word of their topic; empty for
     all. keep: keep the samples. Raises RecordingError for a file that is not a recording of a ward.
     """
-    contents = Contents(paths, wanted, tell)
+    refused, trouble = Tally(), list[str]()
     devices: dict[str, Device] = {}
     wards: set[str] = set()
     messages = 0
-    for key, said, _ in contents:
+    for key, said in contents(paths, wanted, tell, refused, trouble):
         messages += 1
         wards.add(key.ward)
         device = devices.setdefault(key.device, Device())
@@ -210,7 +210,7 @@ def survey(
         messages=messages,
         first_ns=min((boot.first_ns for boot in boots), default=0),
         last_ns=max((boot.last_ns for boot in boots), default=0),
-        size=contents.size,
-        refused=contents.refused,
-        trouble=contents.trouble,
+        size=sum(path.stat().st_size for path in paths),
+        refused=refused,
+        trouble=trouble,
     )

@@ -8,6 +8,7 @@ import numpy as np
 
 from bridge.recording.bad_rows import Place, drop_bad_rows, in_arrays
 from bridge.recording.error import RecordingError
+from bridge.recording.formats.streams import choose_boot
 from bridge.recording.plausibility import (
     FASTEST_HZ,
     SLOWEST_HZ,
@@ -54,18 +55,16 @@ def recording_of(path: Path, table: Table, reading: Reading) -> Recording:
     rate = _rate(path, columns, reading)
     drop_bad_rows(path, columns, table.place, notes)
     time, parts = sample_times(path, columns, table.tick_s, rate, reading, notes)
-    chosen = _part(path, time, parts, reading)
+    ends = [*parts[1:], len(time)]
+    sizes = [end - start for start, end in zip(parts, ends, strict=True)]
+    at = choose_boot(path, sizes, reading.boot, "the device" if len(parts) == 1 else "the device, which rebooted")
+    chosen = slice(parts[at], ends[at])
     time = time[chosen] - time[chosen][0]
     gyro = columns["gyro_rad_s"][chosen]
     accel = columns.get("accel_m_s2")
     warm = columns.get("temperature_c")
     measured_hz = rate_of(time)
-    check_gyro(path, gyro, measured_hz)
-    notes += doubts_of_gyro(gyro, measured_hz)
-    accel, said = believed_accel(None if accel is None else accel[chosen])
-    notes += [said] if said else []
-    for words in notes:
-        _log.warning("%s: %s", path, words)
+    accel = believed(path, gyro, None if accel is None else accel[chosen], measured_hz, notes)
     return Recording(
         time_s=time,
         gyro=gyro,
@@ -78,6 +77,20 @@ def recording_of(path: Path, table: Table, reading: Reading) -> Recording:
         model=table.model,
         notes=tuple(notes),
     )
+
+
+def believed(path: Path, gyro: Floats, accel: Floats | None, rate_hz: float, notes: list[str]) -> Floats | None:
+    """Return the acceleration (n, 3), m/s², or None if it cannot be right. Raises RecordingError for impossible rates.
+
+    gyro (n, 3): rad/s. notes: gets the doubts, and is logged.
+    """
+    check_gyro(path, gyro, rate_hz)
+    notes += doubts_of_gyro(gyro, rate_hz)
+    accel, said = believed_accel(accel)
+    notes += [said] if said else []
+    for words in notes:
+        _log.warning("%s: %s", path, words)
+    return accel
 
 
 def _check_shapes(path: Path, columns: dict[str, Floats]) -> None:
@@ -114,23 +127,3 @@ def _rate(path: Path, columns: dict[str, Floats], reading: Reading) -> float | N
     if own is not None and reading.rate_hz is not None and abs(reading.rate_hz - own) > _SAME_RATE * own:
         _log.warning("%s: the file states %.5g Hz; the given %.5g Hz is used", path, own, reading.rate_hz)
     return reading.rate_hz or own
-
-
-def _part(path: Path, time: Floats, starts: list[int], reading: Reading) -> slice:
-    """Return the rows of the chosen boot. Raises RecordingError."""
-    ends = [*starts[1:], len(time)]
-    boot = reading.boot
-    if boot is None and len(starts) > 1:
-        said = ", ".join(
-            f"{number} ({count(end - start, 'sample')}, {time[end - 1] - time[start]:.0f} s)"
-            for number, (start, end) in enumerate(zip(starts, ends, strict=True), 1)
-        )
-        raise RecordingError(
-            f"{path}: the device rebooted (its time restarted {count(len(starts) - 1, 'time')}); choose with --boot: {said}"
-        )
-    if boot is not None and not 1 <= boot <= len(starts):
-        raise RecordingError(f"{path}: --boot is {boot}, but the file has boots 1 to {len(starts)}")
-    at = 0 if boot is None else boot - 1
-    if ends[at] - starts[at] < 2:
-        raise RecordingError(f"{path}: {count(ends[at] - starts[at], 'sample')}; at least 2 are needed")
-    return slice(starts[at], ends[at])

@@ -36,6 +36,7 @@ def _store() -> Any:
     return get_typestore(Stores.ROS2_JAZZY)
 
 
+@functools.cache
 def definition(kind: str) -> bytes:
     """Return the definition of a message type, such as `sensor_msgs/msg/Imu`, as UTF-8 in MCAP's format `ros2msg`."""
     text: str = _store().generate_msgdef(kind, ros_version=2)[0]

@@ -3,7 +3,7 @@
 import math
 import re
 from collections.abc import Mapping
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 from bridge.terminal.plurals import count
 from bridge.text.profile import NUMBER, Profile
@@ -48,26 +48,13 @@ class Refused(NamedTuple):
     detail: str
 
 
-class Reader(Protocol):
-    """Parser of one device's lines: each line becomes a sample, a header row or a refusal.
-
-    has_clock: whether rows have a time; None until that is known.
-    """
-
-    has_clock: bool | None
-
-    def read(self, line: str) -> Row | Header | Refused:
-        """Parse one line without its line end to a sample, a header row or a refusal. A bad line raises nothing."""
-
-
 class Conversion:
     """Converts the texts of a row's columns to a sample in SI units, by the units and scales of a profile."""
 
     def __init__(self, profile: Profile) -> None:
-        self._time, self._temperature, self._battery = profile.time, profile.temperature, profile.battery
+        self._profile, accel = profile, profile.accel
         self._marks = str.maketrans(",.", ".,") if profile.decimal == "," else {}
         self._gyro = _Three(profile.gyro.columns, *map(float, profile.gyro.factor))
-        accel = profile.accel
         self._accel = None if accel is None else _Three(accel.columns, *map(float, accel.factor))
 
     def row(self, texts: Mapping[str, str]) -> Row | Refused:
@@ -75,7 +62,8 @@ class Conversion:
 
         The gyro's three columns must be there. Other missing columns count as not measured.
         """
-        time, temperature, battery, accel = self._time, self._temperature, self._battery, self._accel
+        time, temperature, battery = self._profile.time, self._profile.temperature, self._profile.battery
+        accel = self._accel
         if self._marks:
             texts = {column: text.translate(self._marks) for column, text in texts.items()}
         try:
@@ -112,20 +100,19 @@ class _Three(NamedTuple):
 class CsvReader:
     """Parser of rows of columns, named by the profile or by the latest header row.
 
+    has_clock: whether rows have a time; None until that is known.
     needs_clock: refuse a header row without the profile's time column, because the rate would be unknown.
     """
 
     def __init__(self, profile: Profile, *, needs_clock: bool) -> None:
         assert profile.csv is not None
-        self.has_clock: bool | None = None
         self._csv = profile.csv
         self._profile = profile
         self._conversion = Conversion(profile)
         self._needs_clock = needs_clock
         self._names = profile.csv.columns
         self._known = {column for column, _ in profile.needed}
-        if self._names:
-            self.has_clock = profile.time is not None
+        self.has_clock = profile.time is not None if self._names else None
 
     def read(self, line: str) -> Row | Header | Refused:
         """Parse one line: a row of numbers to a sample, a row of column names to a Header, anything else to a refusal.
@@ -186,6 +173,10 @@ class RegexReader:
         if missing := self._always - texts.keys():
             return Refused(NO_MATCH, f"the line lacks {', '.join(sorted(missing))}")
         return self._conversion.row(texts)
+
+
+#: parser of one device's lines: each line becomes a sample, a header row or a refusal
+Reader = CsvReader | RegexReader
 
 
 def _number(text: str) -> float:

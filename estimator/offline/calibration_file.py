@@ -1,10 +1,8 @@
-"""Reads and writes a calibration as a JSON file, the format that `truerate calibrate --json` prints.
+"""A calibration as JSON and as a file, the format that `truerate calibrate --json` prints.
 
 The file holds everything that a later correction needs.
 """
 
-import json
-import os
 from itertools import permutations
 from math import degrees, isfinite, radians
 from pathlib import Path
@@ -184,21 +182,6 @@ def accelerometer_as_json(one: AccelerometerCalibration) -> dict[str, Any]:
         "covariance": np.reshape(one.covariance, (6, 6)).tolist() if one.covariance else None,
         "cross_std": one.cross_std,
     }
-
-
-def save(calibration: Calibration, path: Path | str) -> None:
-    """Write a calibration to a file atomically: the file is complete, or not there."""
-    path = Path(path)
-    part = path.with_name(f".{path.name}.part")
-    try:
-        part.unlink(missing_ok=True)  # left by a killed process; unlinked, so that nothing is written through a link
-        with part.open("x", encoding="utf-8") as file:
-            file.write(json.dumps(as_json(calibration)) + "\n")
-            file.flush()
-            os.fsync(file.fileno())  # without it a power loss may leave the new name on an empty file
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)
 
 
 def load(path: Path | str) -> Calibration:

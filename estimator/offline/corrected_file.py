@@ -13,26 +13,20 @@ HDF5 (.h5) has the arrays of npz as datasets, Parquet the columns of CSV.
 
 import os
 import zipfile
-from collections.abc import Callable
-from itertools import chain
 from pathlib import Path
-from typing import IO
 
 import numpy as np
-from numpy.typing import NDArray
 
-from bridge.recording import Recording
+from bridge.recording import Recording, column_files
+from bridge.recording.column_files import ARRAYS, ENDINGS, Columns, Tell
 from bridge.recording.error import RecordingError
-from bridge.recording.export import flat
+from bridge.recording.files import new_file
 from bridge.recording.formats.registry import check_extra
 from bridge.wire.messages import Quality
-from estimator.geometry.gyro_model import AXES
-from estimator.offline.corrected_recording import CorrectedRecording, Floats, Singles
+from estimator.offline.corrected_recording import CorrectedRecording
 
-_QUALITIES = tuple(quality.name for quality in sorted(Quality))
-_VECTORS = ("rate", "rate_std", "bias", "bias_std")
-_ROWS = 10_000
-_NO_COLUMNS = ("quality_names", "matrix", "rate_hz")
+#: array by which a corrected recording is told from other files
+_MARK = "quality_names"
 
 
 def check(out: Path, recorded: Path) -> None:
@@ -40,8 +34,8 @@ def check(out: Path, recorded: Path) -> None:
 
     An existing file may be overwritten only if truerate wrote it as a corrected recording.
     """
-    if out.suffix not in _WRITERS:
-        raise RecordingError(f"{out}: a corrected recording ends in {', '.join(_WRITERS)}, not in {out.suffix!r}")
+    if out.suffix not in ENDINGS:
+        raise RecordingError(f"{out}: a corrected recording ends in {', '.join(ENDINGS)}, not in {out.suffix!r}")
     check_extra(out)
     if not out.parent.is_dir():
         raise RecordingError(f"{out}: there is no folder {out.parent}; make it with mkdir -p, or give another folder")
@@ -64,11 +58,11 @@ def _is_corrected(path: Path) -> bool:
     try:
         if path.suffix == ".npz":
             with zipfile.ZipFile(path) as archive:
-                return "quality_names.npy" in archive.namelist()
+                return f"{_MARK}.npy" in archive.namelist()
         if path.suffix == ".h5":
             from bridge.recording.formats import hdf5  # noqa: PLC0415 - an extra
 
-            return hdf5.holds(path, "quality_names")
+            return hdf5.holds(path, _MARK)
         if path.suffix == ".parquet":
             from bridge.recording.formats import parquet  # noqa: PLC0415 - an extra
 
@@ -79,92 +73,22 @@ def _is_corrected(path: Path) -> bool:
         return False
 
 
-def save(
-    out: Path, corrected: CorrectedRecording, recording: Recording, progress: Callable[[int, int], None] | None = None
-) -> None:
-    """Write a corrected recording to `out`, in the format of its suffix: a temporary file beside it is renamed.
+def save(out: Path, corrected: CorrectedRecording, recording: Recording, tell: Tell | None = None) -> None:
+    """Write a corrected recording to `out`, in the format of its ending, whole or not at all; an old file is replaced.
 
-    progress(done, n) counts rows. Call `check` first: it refuses unusable paths.
+    tell(done, n): progress in rows. Call `check` first: it refuses unusable paths. Raises RecordingError.
     """
-    part = out.with_name(f".{out.name}.part")
-    try:
-        part.unlink(missing_ok=True)  # left by a killed process; unlinked, so that nothing is written through a link
-        with part.open("x+b") as file:  # HDF5 is also read while it is written
-            _WRITERS[out.suffix](file, corrected, recording, progress or (lambda _done, _n: None))
-            file.flush()
-            os.fsync(file.fileno())  # without it a power loss may leave the new name on an empty file
-        part.replace(out)
-    finally:
-        part.unlink(missing_ok=True)
-
-
-def _arrays(c: CorrectedRecording, recording: Recording) -> dict[str, NDArray[np.generic]]:
-    return {
+    c, qualities = corrected, np.array([quality.name for quality in sorted(Quality)])
+    passed_on = {"accel_m_s2": recording.accel, "temperature_c": recording.temperature_c}
+    columns: Columns = {
         "t_s": c.time_s,
-        **{f"{name}_rad_s": getattr(c, name) for name in _VECTORS},
-        "quality": c.quality,
-        "quality_names": np.array(_QUALITIES),
-        **_orientation(c),
-        "matrix": c.matrix,
-        "rate_hz": np.array(c.rate_hz),
-        **_passed_on(recording),
+        **{f"{name}_rad_s": getattr(c, name) for name in ("rate", "rate_std", "bias", "bias_std")},
+        "quality": c.quality if out.suffix in ARRAYS else qualities[c.quality],
+        "quat_wxyz": c.quat_wxyz,
+        "tilt_std": c.tilt_std,
+        "heading_std": c.heading_std,
+        **{name: column for name, column in passed_on.items() if column is not None},
     }
-
-
-def _save_npz(
-    file: IO[bytes], c: CorrectedRecording, recording: Recording, progress: Callable[[int, int], None]
-) -> None:
-    np.savez(file, allow_pickle=False, **_arrays(c, recording))
-    progress(len(c), len(c))
-
-
-def _save_hdf5(
-    file: IO[bytes], c: CorrectedRecording, recording: Recording, progress: Callable[[int, int], None]
-) -> None:
-    from bridge.recording.formats import hdf5  # noqa: PLC0415 - an extra
-
-    hdf5.write(file, _arrays(c, recording))
-    progress(len(c), len(c))
-
-
-def _save_parquet(
-    file: IO[bytes], c: CorrectedRecording, recording: Recording, progress: Callable[[int, int], None]
-) -> None:
-    from bridge.recording.formats import parquet  # noqa: PLC0415 - an extra
-
-    arrays = {**_arrays(c, recording), "quality": np.array(_QUALITIES)[c.quality]}
-    parquet.write(file, flat({name: arrays[name] for name in arrays if name not in _NO_COLUMNS}))
-    progress(len(c), len(c))
-
-
-def _save_csv(
-    file: IO[bytes], c: CorrectedRecording, recording: Recording, progress: Callable[[int, int], None]
-) -> None:
-    passed_on = {**_orientation(c), **_passed_on(recording)}
-    names = ["t_s", *(f"{vector}_{axis}_rad_s" for vector in _VECTORS for axis in AXES), "quality"]
-    names += [*(f"quat_{axis}" for axis in "wxyz"), "tilt_std", "heading_std"]
-    names += [f"accel_{axis}_m_s2" for axis in AXES] if "accel_m_s2" in passed_on else []
-    names += ["temperature_c"] if "temperature_c" in passed_on else []
-    form = ",".join(["%.6f", *["%.9g"] * 12, "%s", *["%.9g"] * (len(names) - 14)]) + "\n"
-    file.write((",".join(names) + "\n").encode())
-    for start in range(0, len(c), _ROWS):
-        part = slice(start, start + _ROWS)
-        numbers = [c.time_s[part, None], *(getattr(c, name)[part].astype(float) for name in _VECTORS)]
-        quality = np.array(_QUALITIES)[c.quality[part]].tolist()
-        more = [column[part].reshape(len(quality), -1) for column in passed_on.values()]
-        before, after = np.hstack(numbers).tolist(), np.hstack([np.empty((len(quality), 0)), *more]).tolist()
-        rows = zip(before, quality, after, strict=True)
-        file.write("".join(form % tuple(chain(b, (q,), a)) for b, q, a in rows).encode())
-        progress(min(part.stop, len(c)), len(c))
-
-
-def _orientation(c: CorrectedRecording) -> dict[str, Singles | Floats]:
-    return {"quat_wxyz": c.quat_wxyz, "tilt_std": c.tilt_std, "heading_std": c.heading_std}
-
-
-def _passed_on(recording: Recording) -> dict[str, Floats]:
-    columns = {"accel_m_s2": recording.accel, "temperature_c": recording.temperature_c}
-    return {name: column for name, column in columns.items() if column is not None}
-
-
-_WRITERS = {".npz": _save_npz, ".csv": _save_csv, ".h5": _save_hdf5, ".parquet": _save_parquet}
+    facts = {_MARK: qualities, "matrix": c.matrix, "rate_hz": np.array(c.rate_hz)}
+    with new_file(out, replace=True) as file:
+        column_files.write(file, out.suffix, columns, facts, tell)

@@ -155,7 +155,7 @@ def correct(
         return pass_
 
     if calibration is not None:
-        return passed(_of_device(_known(calibration), recording)).corrected()
+        return passed(_usable(calibration, recording)).corrected()
     if before := [one for one in recording.made if one.time_ns <= recording.begin_ns]:
         later = len(recording.made) - len(before)
         used = _used(before[-1]) + (f"; {count(later, 'later one')} not" if later else "")
@@ -197,8 +197,8 @@ class _Pass:
         self._session.info = _info(recording)
         self._smooth = smooth
         self._said: list[str] = [own] if own else []
-        self._matrices = {"": np.eye(3)}
-        self._names = {"": ""}
+        #: matrix and name of each calibration, by id
+        self._known = {"": (np.eye(3), "")}
         self._last: CorrectedBatch | None = None
         #: whether gravity is to teach the matrix, and has not done so yet
         self._untaught = knobs.track.matrix.learn
@@ -215,8 +215,7 @@ class _Pass:
                 self._said.append(f"{why}: its scale is taken as another boot's, its bias is not used")
                 other_boot = True
             remembered = PriorKnowledge(replace(known, boot=_BOOT + other_boot), None)
-            self._matrices[known.id] = known.matrix
-            self._names[known.id] = known.id
+            self._known[known.id] = known.matrix, known.id
         self._session.orient()
         self._session.begin_boot(_BOOT, float(recording.device_time[0]), remembered)
 
@@ -245,10 +244,10 @@ class _Pass:
         self._said += outcome.said
         self.turned = self.turned or bool(self._session.learnt.turned)
         for made in outcome.calibrations:
-            self._matrices[made.id], self._names[made.id] = made.matrix, self._recording.name
+            self._known[made.id] = made.matrix, self._recording.name
             self._untaught &= made.method != WORN
         for batch in outcome.corrected:
-            self.rows.take(batch, self._matrices[batch.calibration])
+            self.rows.take(batch, self._known[batch.calibration][0])
             self._last = batch
         for one in outcome.oriented:
             self.rows.turn(one.attitudes)
@@ -259,7 +258,7 @@ class _Pass:
             raise RuntimeError(
                 f"{self._recording.name}: {rows.filled} of {count(len(self._recording), 'sample')} came out"
             )
-        matrix = self._matrices[last.calibration]
+        matrix, name = self._known[last.calibration]
         if self._untaught:
             self._said.insert(0, _NO_ACCEL if self._recording.accel is None else _UNTAUGHT)
         if self._smooth:
@@ -276,7 +275,7 @@ class _Pass:
             heading_std=rows.heading_std,
             matrix=matrix,
             accelerometer=session.learnt.accelerometer,
-            calibration=self._names[last.calibration],
+            calibration=name,
             rate_hz=self._recording.rate_hz,
             smoothed=self._smooth,
             events=session.sequence.events.as_dict(),
@@ -284,22 +283,18 @@ class _Pass:
         )
 
 
-def _known(calibration: Calibration | Result) -> Calibration:
+def _usable(calibration: Calibration | Result, recording: Recording) -> Calibration:
     if calibration.verdict is not Verdict.ACCEPTED:
         raise ValueError(
             f"a calibration with verdict {calibration.verdict.name} corrects nothing: {english(*calibration.reason)}"
         )
     known = of_result(calibration) if isinstance(calibration, Result) else calibration
-    return known if known.id else replace(known, id="given")
-
-
-def _of_device(known: Calibration, recording: Recording) -> Calibration:
     if known.device and recording.device and known.device != recording.device:
         raise RecordingError(
             f"calibration {known.id} is of {known.device}, the recording {recording.name} of {recording.device}: "
             f"take one of {recording.device}, or none"
         )
-    return known
+    return known if known.id else replace(known, id="given")
 
 
 def _foreign(known: Calibration, recording: Recording, gyro_range: float) -> str | None:

@@ -11,7 +11,8 @@ from pathlib import Path
 
 from bridge.bus.contract import Message
 from bridge.recording.files import Folder
-from bridge.recording.recorder import Knobs, WardRecorder
+from bridge.recording.recorder import WardRecorder
+from bridge.recording.settings import Recorder
 from bridge.wire import codec, keys
 from tests.bridge.recording.crowd import RATE_HZ, STEP, WARD, corrected, samples
 from tests.bridge.recording.test_per_sample import orientation
@@ -45,9 +46,8 @@ def main() -> int:
     rounds = minute(given.devices, given.seconds, begin_ns)
     for per_sample in (False, True):
         with tempfile.TemporaryDirectory() as folder:
-            recorder = WardRecorder(
-                Folder(Path(folder), WARD), WARD, (), Knobs(keep_free_bytes=0), per_sample=per_sample
-            )
+            settings = Recorder(keep_free_mb=0.0, per_sample=per_sample)
+            recorder = WardRecorder(Folder(Path(folder), WARD), WARD, settings)
             recorder.begin(begin_ns, 0.0)
             spent_s = -time.process_time()
             for number, messages in enumerate(rounds):

@@ -24,7 +24,8 @@ from rich.console import Console
 from bridge.bus.contract import Message
 from bridge.recording import load
 from bridge.recording.files import Folder
-from bridge.recording.recorder import Knobs, WardRecorder
+from bridge.recording.recorder import WardRecorder
+from bridge.recording.settings import Recorder
 from bridge.wire import codec, keys
 from bridge.wire.messages import SampleBatch
 from bridge.wire.refusal import Tally
@@ -65,8 +66,8 @@ def month(folder: Path) -> dict[str, float]:
     logging.getLogger().addHandler(said)
     logging.getLogger().setLevel(logging.INFO)
     recordings.mkdir()
-    knobs = Knobs(rotate_s=HOUR_S, keep_free_bytes=0, keep_s=KEEP_DAYS * 86_400, keep_bytes=KEEP_BYTES)
-    recorder = WardRecorder(Folder(recordings, _WARD), _WARD, knobs=knobs)
+    settings = Recorder(rotate="1h", rotate_mb=5.0, keep_free_mb=0.0, keep_days=KEEP_DAYS, keep_gb=KEEP_BYTES / 1e9)
+    recorder = WardRecorder(Folder(recordings, _WARD), _WARD, settings)
     database = Database(folder / "a.sqlite3")
     store, backups = Store(database), Backups.of(folder / "a.sqlite3")
     clock = [BEGIN_S]
@@ -115,7 +116,7 @@ def compression(folder: Path) -> Iterator[tuple[str, float, float, float]]:
         recording = load(source)
         out = folder / source.stem
         out.mkdir()
-        recorder = WardRecorder(Folder(out, _WARD), _WARD, knobs=Knobs(keep_free_bytes=0))
+        recorder = WardRecorder(Folder(out, _WARD), _WARD, Recorder(keep_free_mb=0.0))
         recorder.begin(BEGIN_S * 10**9, 0.0)
         step = max(1, round(recording.rate_hz * _BATCH_S))
         for at in range(0, len(recording.time_s), step):

@@ -49,7 +49,8 @@ class Columns:
 
     gyro: the same rates in one or several units. accel: likewise. clocks: all time columns.
     counter, temperature, rate: index of the column with sample numbers, °C, and Hz; None if there is none.
-    unused: names of columns of incomplete vectors. notes: what was understood, for the user.
+    numbers: indices of all columns to read as numbers. unused: names of columns of incomplete vectors. notes: what was
+    understood, for the user.
     """
 
     gyro: list[Triple]
@@ -58,6 +59,7 @@ class Columns:
     counter: int | None = None
     temperature: int | None = None
     rate: int | None = None
+    numbers: list[int] = field(default_factory=list)
     unused: list[str] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
 
@@ -100,6 +102,10 @@ def find(
     found.unused = [
         name for at, name in enumerate(layout.names) if names[at].kind in {"gyro", "accel"} and at not in used
     ]
+    if asked := _asked(reading, layout, found, only_accel=only_accel):
+        raise RecordingError(f"{path}: {asked}")
+    singles = {at for at in (found.counter, found.temperature, found.rate) if at is not None}
+    found.numbers = sorted(used | singles | {clock.at for clock in found.clocks if not clock.text})
     return found
 
 
@@ -227,6 +233,22 @@ def _times(path: Path, layout: Layout, reading: Reading, names: list[Name], cell
     if reading.time_factor is not None:
         for clock in found.clocks:
             clock.factor = reading.time_factor
+
+
+def _asked(reading: Reading, layout: Layout, columns: Columns, *, only_accel: bool) -> str:
+    """Say which facts neither the file nor an option gives, and the options for them; empty if nothing is missing."""
+    if only_accel:
+        return "" if columns.accel else f"no accelerometer columns recognised; the header has {shown(layout.names)}"
+    missing = []
+    if columns.gyro[0].factor is None:
+        name = layout.names[columns.gyro[0].at[0]] or f"column {columns.gyro[0].at[0] + 1}"
+        missing.append(
+            f"the unit of {name!r} is unknown: give --gyro-unit deg/s or --gyro-unit rad/s; for raw counts give "
+            "--gyro-sensitivity with the counts per °/s of the data sheet (131 for an MPU-6050 at ±250 °/s)"
+        )
+    if not columns.clocks and not layout.rate_hz and columns.rate is None and reading.rate_hz is None:
+        missing.append("neither sample times nor a rate: give the device's output data rate with --rate-hz")
+    return "; and ".join(missing)
 
 
 def _no_gyro(layout: Layout) -> str:

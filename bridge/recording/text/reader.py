@@ -3,7 +3,6 @@
 from collections.abc import Iterator
 from itertools import chain
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -14,9 +13,8 @@ from bridge.recording.table import Table
 from bridge.recording.text.columns import Clock, Columns, Triple, find, shown
 from bridge.recording.text.interleaved import tags_of
 from bridge.recording.text.layout import Layout, layout_of, split
-from bridge.recording.text.rows import Read, TooLong, read_rows
+from bridge.recording.text.rows import Read, read_rows
 from bridge.recording.text.source import blocks
-from bridge.recording.text.times import seconds_of
 from bridge.terminal.plurals import count
 from bridge.text.units import ACCEL, STANDARD_GRAVITY, TIME
 
@@ -58,9 +56,9 @@ def read_columns(
     sensor columns named x, y, z belong to. Raises RecordingError.
     """
     layout = Layout(None, ".", names, len(names), 0, rate_hz)
-    columns, wanted = _columns(path, layout, reading, ["0"] * len(names), tag=sensor)
-    read = Read({}, numbers[:, wanted], lines=[range(1, len(numbers) + 1)])
-    return _table(reading, layout, columns, Values(read, wanted), path)
+    columns = find(path, layout, reading, ["0"] * len(names), tag=sensor)
+    read = Read(columns.numbers, numbers[:, columns.numbers], lines=[range(1, len(numbers) + 1)])
+    return _table(path, reading, layout, columns, read)
 
 
 def join_accel(path: Path, table: Table, reading: Reading) -> None:
@@ -93,51 +91,36 @@ def _read(
             "then one row per sample"
         )
     cells = [*split(start[layout.first], layout.separator), *[""] * layout.width][: layout.width]
-    columns, wanted = _columns(path, layout, reading, cells, only_accel=only_accel, tag=tag)
-    try:
-        read = read_rows(chain([start], source), layout, wanted, [c.at for c in columns.clocks if c.text])
-    except TooLong as error:
-        raise RecordingError(f"{path}: {error} and more; split the file") from None
-    return _table(reading, layout, columns, Values(read, wanted), path)
-
-
-def _columns(
-    path: Path, layout: Layout, reading: Reading, cells: list[str], *, only_accel: bool = False, tag: str = ""
-) -> tuple[Columns, list[int]]:
-    """Return the meaning of the columns, and the indices of those to read as numbers. Raises RecordingError."""
     columns = find(path, layout, reading, cells, only_accel=only_accel, tag=tag)
-    if asked := _asked(reading, layout, columns, only_accel=only_accel):
-        raise RecordingError(f"{path}: {asked}")
-    triples = [*columns.gyro, *columns.accel]
-    singles = [at for at in (columns.counter, columns.temperature, columns.rate) if at is not None]
-    return columns, sorted({*chain(*(t.at for t in triples)), *singles, *(c.at for c in columns.clocks if not c.text)})
+    texts = [clock.at for clock in columns.clocks if clock.text]
+    read = read_rows(path, chain([start], source), layout, columns.numbers, texts)
+    return _table(path, reading, layout, columns, read)
 
 
-def _table(reading: Reading, layout: Layout, columns: Columns, values: "Values", path: Path) -> Table:
+def _table(path: Path, reading: Reading, layout: Layout, columns: Columns, read: Read) -> Table:
     found: dict[str, Floats] = {}
-    notes = [*columns.notes, *(f"{count(n, 'line')} left out: {what}" for what, n in values.read.odd.items())]
+    notes = [*columns.notes, *(f"{count(n, 'line')} left out: {what}" for what, n in read.odd.items())]
     if columns.unused:
         notes.append(f"{shown(columns.unused)}: not used: a sensor needs its x, y and z columns")
     if columns.gyro:
-        found["gyro_rad_s"] = _agreed(path, layout, columns.gyro, values)
+        found["gyro_rad_s"] = _agreed(path, layout, columns.gyro, read)
     if columns.accel:
-        accel = _agreed(path, layout, columns.accel, values)
+        accel = _agreed(path, layout, columns.accel, read)
         factor, said = _by_gravity(layout, columns.accel[0], accel)
         notes += [said] if said else []
         if factor is not None:
             found["accel_m_s2"] = accel if factor == 1.0 else accel * factor
     tick_s = 0.0
-    if clocks := [(clock, values.times(clock)) for clock in columns.clocks]:
+    if clocks := [(clock, read.times(clock)) for clock in columns.clocks]:
         found["t_s"], tick_s, said = _best_clock(path, layout, clocks)
         notes += [said] if said else []
     elif columns.counter is not None:
-        found["counter"] = values.column(columns.counter)
-    if columns.temperature is not None and np.isfinite(warm := values.column(columns.temperature)).any():
+        found["counter"] = read.column(columns.counter)
+    if columns.temperature is not None and np.isfinite(warm := read.column(columns.temperature)).any():
         found["temperature_c"] = warm
-    if rate := _rate(path, reading, layout, columns, values):
+    if rate := _rate(path, reading, layout, columns, read):
         found["rate_hz"] = np.asarray(rate)
     names = {"gyro_rad_s": columns.gyro, "accel_m_s2": columns.accel}
-    read = values.read
 
     def place(column: str, sample: int, axis: int) -> tuple[str, str]:
         triples = names.get(column)
@@ -147,37 +130,11 @@ def _table(reading: Reading, layout: Layout, columns: Columns, values: "Values",
     return Table(found, place, notes=notes, tick_s=tick_s)
 
 
-class Values(NamedTuple):
-    """Numbers and texts that were read from a text table. columns: index in the file of each column of numbers."""
-
-    read: Read
-    columns: list[int]
-
-    def column(self, at: int) -> Floats:
-        """Return one column of numbers (n,), unconverted. at: its index in the file."""
-        return self.read.numbers[:, self.columns.index(at)]
-
-    def vector(self, triple: Triple) -> Floats:
-        """Return a vector (n, 3), in SI units if its unit is known.
-
-        The numbers may be scaled in place: ask for each vector once.
-        """
-        at = [self.columns.index(one) for one in triple.at]
-        beside = at == list(range(at[0], at[0] + 3))
-        values = self.read.numbers[:, slice(at[0], at[0] + 3) if beside else at]
-        values *= triple.factor or 1.0
-        return values
-
-    def times(self, clock: Clock) -> Floats:
-        """Return times (n,) in the column's own unit; times written as text in seconds since the first midnight."""
-        return seconds_of(self.read.texts[clock.at]) if clock.text else self.column(clock.at)
-
-
-def _rate(path: Path, reading: Reading, layout: Layout, columns: Columns, values: Values) -> float:
+def _rate(path: Path, reading: Reading, layout: Layout, columns: Columns, read: Read) -> float:
     """Return the rate that the file states: in a column, else above its header; 0 if it states none."""
-    if columns.rate is None or not len(values.read.numbers):
+    if columns.rate is None or not len(read.numbers):
         return layout.rate_hz
-    rates = values.column(columns.rate)
+    rates = read.column(columns.rate)
     if np.ptp(rates) == 0:
         return float(rates[0])
     if columns.clocks or reading.rate_hz is not None:
@@ -187,28 +144,12 @@ def _rate(path: Path, reading: Reading, layout: Layout, columns: Columns, values
     )
 
 
-def _asked(reading: Reading, layout: Layout, columns: Columns, *, only_accel: bool) -> str:
-    """Say which facts neither the file nor an option gives, and the options for them; empty if nothing is missing."""
-    if only_accel:
-        return "" if columns.accel else f"no accelerometer columns recognised; the header has {shown(layout.names)}"
-    missing = []
-    if columns.gyro[0].factor is None:
-        name = layout.names[columns.gyro[0].at[0]] or f"column {columns.gyro[0].at[0] + 1}"
-        missing.append(
-            f"the unit of {name!r} is unknown: give --gyro-unit deg/s or --gyro-unit rad/s; for raw counts give "
-            "--gyro-sensitivity with the counts per °/s of the data sheet (131 for an MPU-6050 at ±250 °/s)"
-        )
-    if not columns.clocks and not layout.rate_hz and columns.rate is None and reading.rate_hz is None:
-        missing.append("neither sample times nor a rate: give the device's output data rate with --rate-hz")
-    return "; and ".join(missing)
-
-
-def _agreed(path: Path, layout: Layout, triples: list[Triple], values: Values) -> Floats:
+def _agreed(path: Path, layout: Layout, triples: list[Triple], read: Read) -> Floats:
     """Return the vector in its first unit. Raises RecordingError if its values in two units disagree."""
-    first_values = values.vector(triples[0])
+    first_values = read.vector(triples[0])
     for triple in triples[1:]:
         most = float(np.nanmax(np.abs(first_values), initial=0.0))
-        if not np.allclose(values.vector(triple), first_values, rtol=0.0, atol=_AGREED * most, equal_nan=True):
+        if not np.allclose(read.vector(triple), first_values, rtol=0.0, atol=_AGREED * most, equal_nan=True):
             first, second = (layout.names[one.at[0]] for one in (triples[0], triple))
             raise RecordingError(
                 f"{path}: {first!r} and {second!r} differ by more than their units; choose one with --columns "
@@ -237,10 +178,6 @@ def _by_gravity(layout: Layout, triple: Triple, accel: Floats) -> tuple[float | 
 
 def _best_clock(path: Path, layout: Layout, clocks: list[tuple[Clock, Floats]]) -> tuple[Floats, float, str]:
     """Return times in seconds, seconds per count of the chosen column, and a note. Raises RecordingError."""
-    if len(clocks) == 1:
-        clock, time = clocks[0]
-        factor, said = _unit(path, layout, clock, time)
-        return time * factor if factor != 1.0 else time, factor, said
     scaled = []
     for clock, time in clocks:
         factor, said = _unit(path, layout, clock, time)
@@ -255,7 +192,7 @@ def _best_clock(path: Path, layout: Layout, clocks: list[tuple[Clock, Floats]]) 
         )
     name = layout.names[clock.at]
     others = [layout.names[one[1].at] for one in scaled[1:]]
-    if (name, others) != _OWN_TIMES:
+    if others and (name, others) != _OWN_TIMES:
         said = f"{said}; " if said else ""
         said += f"the time column is {name!r}; other times are not used: {shown(others)}"
     return time * factor if factor != 1.0 else time, factor, said

@@ -3,11 +3,15 @@
 from array import array
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
+from bridge.recording.error import RecordingError
 from bridge.recording.recording import Floats
+from bridge.recording.text.columns import Clock, Triple
 from bridge.recording.text.layout import Layout, split
+from bridge.recording.text.times import seconds_of
 from bridge.terminal.plurals import count
 
 _MOST = 1 << 25  # rows: eight hours at 1165 Hz
@@ -17,14 +21,31 @@ _MOST = 1 << 25  # rows: eight hours at 1165 Hz
 class Read:
     """Columns read from a text table.
 
-    numbers (n, c): the columns asked for as numbers, NaN if a cell is no number. texts: columns as written, by index.
-    odd: number of lines that are no rows, by description. lines: line numbers, from 1, of the rows, block by block.
+    columns: indices in the file of the columns read as numbers. numbers (n, c): their values, NaN if a cell is no
+    number. texts: columns as written, by index. odd: number of lines that are no rows, by description. lines: line
+    numbers, from 1, of the rows, block by block.
     """
 
-    texts: dict[int, list[str]]
+    columns: list[int]
     numbers: Floats = field(default_factory=lambda: np.empty((0, 0)))
+    texts: dict[int, list[str]] = field(default_factory=dict)
     odd: dict[str, int] = field(default_factory=dict)
     lines: list[Sequence[int]] = field(default_factory=list)
+
+    def column(self, at: int) -> Floats:
+        """Return one column of numbers (n,), unconverted. at: its index in the file."""
+        return self.numbers[:, self.columns.index(at)]
+
+    def vector(self, triple: Triple) -> Floats:
+        """Return a vector (n, 3), in SI units if its unit is known."""
+        first, second, third = (self.columns.index(at) for at in triple.at)
+        beside = (second, third) == (first + 1, first + 2)  # then no copy is needed
+        values = self.numbers[:, slice(first, first + 3) if beside else [first, second, third]]
+        return values if triple.factor in (None, 1.0) else values * triple.factor
+
+    def times(self, clock: Clock) -> Floats:
+        """Return times (n,) in the column's own unit; times written as text in seconds since the first midnight."""
+        return seconds_of(self.texts[clock.at]) if clock.text else self.column(clock.at)
 
     def line(self, row: int) -> int:
         """Return the line number in the file, from 1, of a row counted from 0; 0 if there is no such row."""
@@ -35,30 +56,26 @@ class Read:
         return 0
 
 
-class TooLong(Exception):
-    """The table has more than 2**25 rows, the most that are read. The text says how many were found."""
-
-
-def read_rows(blocks: Iterable[list[str]], layout: Layout, columns: list[int], texts: list[int]) -> Read:
+def read_rows(path: Path, blocks: Iterable[list[str]], layout: Layout, columns: list[int], texts: list[int]) -> Read:
     """Read the rows of a text table: columns with these indices as numbers, and those in `texts` as written.
 
-    Raises TooLong.
+    Raises RecordingError for more than 2**25 rows.
     blocks: the file's lines, in lists. Lines that are no rows are left out and counted.
     """
-    parts, read, begins, n = list[Floats](), Read({at: [] for at in texts}), 0, 0
+    parts, read, begins, n = list[Floats](), Read(columns, texts={at: [] for at in texts}), 0, 0
     for block in blocks:
         first = max(0, layout.first - begins)
         lines = block[first:]
         numbers: Sequence[int] = range(begins + first + 1, begins + len(block) + 1)
-        part = _quick(lines, layout, columns, read)
+        part = _quick(lines, layout, read)
         if part is None:
-            part, numbers = _slow(lines, numbers, layout, columns, read)
+            part, numbers = _slow(lines, numbers, layout, read)
         begins += len(block)
         parts.append(part)
         read.lines.append(numbers)
         n += len(part)
         if n > _MOST:
-            raise TooLong(count(n, "row"))
+            raise RecordingError(f"{path}: {count(n, 'row')} and more; split the file")
     read.numbers = np.empty((n, len(columns)))
     while parts:  # each part is freed once it is copied
         part = parts.pop()
@@ -67,9 +84,9 @@ def read_rows(blocks: Iterable[list[str]], layout: Layout, columns: list[int], t
     return read
 
 
-def _quick(lines: list[str], layout: Layout, columns: list[int], read: Read) -> Floats | None:
+def _quick(lines: list[str], layout: Layout, read: Read) -> Floats | None:
     """Read a faultless block of rows with NumPy's reader; None if the block has any fault."""
-    separator, last = layout.separator, layout.width - 1
+    separator, last, columns = layout.separator, layout.width - 1, read.columns
     if not lines or not columns:
         return None
     if separator is not None:
@@ -90,10 +107,8 @@ def _quick(lines: list[str], layout: Layout, columns: list[int], read: Read) -> 
     return part
 
 
-def _slow(
-    lines: list[str], numbers: Sequence[int], layout: Layout, columns: list[int], read: Read
-) -> tuple[Floats, Sequence[int]]:
-    part, good = array("d"), array("l")
+def _slow(lines: list[str], numbers: Sequence[int], layout: Layout, read: Read) -> tuple[Floats, Sequence[int]]:
+    part, good, columns = array("d"), array("l"), read.columns
     for number, line in zip(numbers, lines, strict=True):
         if not line or line.isspace():
             continue

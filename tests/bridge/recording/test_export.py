@@ -177,9 +177,8 @@ def test_a_bids_dataset_has_what_is_required(some: Recorded, tmp_path: Path) -> 
     assert (len(table), {len(row) for row in table}) == (500, {len(channels)})
     at = [channel["name"] for channel in channels].index("rate_y")
     (boot, _) = some.stretches["one"]
-    assert boot.corrected is not None
     assert table[0][at] == "n/a"
-    assert float(table[77][at]) == pytest.approx(float(boot.corrected.rate[77, 1]))
+    assert float(table[77][at]) == pytest.approx(float(boot.computed["rate_rad_s"][77, 1]))
     events = table_of(motion / f"{stem}_events.tsv")
     assert [(row["onset"], row["trial_type"]) for row in events] == [("2.000", "calibration"), ("3.000", "note")]
     scans = table_of(motion.parent / "sub-07_scans.tsv")

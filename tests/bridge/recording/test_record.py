@@ -2,7 +2,6 @@
 
 import io
 import os
-import resource
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -14,7 +13,6 @@ from bridge.bus.contract import BusError
 from bridge.config.schema import Root
 from bridge.recording.error import RecordingError
 from bridge.recording.record import record
-from bridge.recording.recover import recover
 from bridge.recording.settings import Recorder, seconds
 from bridge.recording.survey import survey
 from bridge.toml.loader import ConfigError, load
@@ -75,27 +73,6 @@ def test_finished_recordings_are_copied_to_the_bucket(tmp_path: Path) -> None:
         server.keys.write_text(server.keys.read_text().replace("= secret", "= wrong"))
         assert run.record(1.5, Bucket(server.settings(), WARD)) == 1
     assert "NOT COPIED: Bucket ward cannot be used: SignatureDoesNotMatch" in run.said.getvalue()
-
-
-def test_every_file_is_named_at_the_end_and_what_those_that_are_not_whole_need(tmp_path: Path) -> None:
-    run = Run(tmp_path, wait_s=10.0)
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    with MemoryBus(run.broker) as bus, Crowd(bus, 3) as crowd:
-        while not crowd.sent:
-            pass
-        try:
-            resource.setrlimit(resource.RLIMIT_FSIZE, (30_000, before[1]))
-            assert run.record(2.5) == 1
-        finally:
-            resource.setrlimit(resource.RLIMIT_FSIZE, before)
-    said = run.said.getvalue()
-    paths = sorted(tmp_path.iterdir())
-    torn = [path for path in paths if path.suffix == ".part"]
-    assert torn
-    assert len(paths) > 1
-    assert all(f"recorded in {path}" in said for path in paths)
-    assert all(f"truerate recording recover {path}" in said for path in torn)
-    recover(torn[0])
 
 
 def test_nothing_is_not_recorded(tmp_path: Path) -> None:

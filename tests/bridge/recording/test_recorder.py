@@ -1,69 +1,55 @@
 """The recorder's core: what is recorded, when a file ends, and what it does when a file refuses."""
 
+import dataclasses
 import errno
 import logging
 import os
-from dataclasses import replace
-from io import BytesIO
+from collections.abc import Iterator
+from io import FileIO
 from pathlib import Path
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from bridge.bus.contract import Message
 from bridge.recording import files
 from bridge.recording.mcap_reader import Entry, McapReader
 from bridge.recording.mcap_writer import MAX_CHANNELS
-from bridge.recording.recorder import Knobs, WardRecorder
+from bridge.recording.recorder import ROOM_BYTES, WardRecorder
 from bridge.recording.recording_file import MOST_OF_A_BRIDGE
+from bridge.recording.settings import Recorder
 from bridge.wire import codec, keys
 from bridge.wire.messages import Calibration, Note, Verdict
 from tests.bridge.recording.crowd import WARD, corrected, info, samples, status
 
 NOW = 1_790_000_000_000_000_000
 S = 1_000_000_000
-KNOBS = Knobs(rotate_s=10.0, rotate_bytes=1e9, keep_free_bytes=100.0, room_bytes=50.0)
+SETTINGS = Recorder(rotate="10s", rotate_mb=1.0, keep_free_mb=100.0)
 
 
-class Output(files.Output):
-    """A file in memory, of a disk that may be full."""
+class Disk(files.Folder):
+    """A real folder, on a disk whose free space and errors a test sets."""
 
-    def __init__(self, path: Path, disk: "Disk") -> None:
-        self.path = path
-        self.file = _File(disk)
-        self.fate = "open"
-        self.syncs = 0
+    def __init__(self, path: Path) -> None:
+        super().__init__(path, WARD)
+        self.outputs = list[files.Output]()
+        self.error, self.free = 0, 1_000_000_000
 
-    def sync(self) -> None:
-        self.syncs += 1
+    def begin(self, wall_ns: int) -> files.Output:
+        output = super().begin(wall_ns)
+        output.file.close()
+        output.file = _File(files.with_part(output.path), self)
+        self.outputs.append(output)
+        return output
 
-    def finish(self) -> None:
-        self.fate = "finished"
-
-    def abandon(self) -> None:
-        self.fate = "abandoned"
-
-    def discard(self) -> None:
-        self.fate = "discarded"
-
-    def entries(self) -> list[Entry]:
-        reader = McapReader(BytesIO(self.data), str(self.path))
-        found = list(reader.entries())
-        assert reader.whole or self.fate != "finished"
-        return found
-
-    @property
-    def data(self) -> bytes:
-        assert isinstance(self.file, BytesIO)
-        return self.file.getvalue()
-
-    def topics(self) -> list[str]:
-        return [entry.topic for entry in self.entries()]
+    def free_bytes(self) -> int:
+        return self.free
 
 
-class _File(BytesIO):
-    def __init__(self, disk: "Disk") -> None:
-        super().__init__()
+class _File(FileIO):
+    def __init__(self, path: Path, disk: Disk) -> None:
+        super().__init__(path, "r+b")
         self._disk = disk
 
     def write(self, data: bytes) -> int:  # type: ignore[override] # a buffer is one
@@ -72,39 +58,27 @@ class _File(BytesIO):
         return super().write(data)
 
 
-class Disk(files.Folder):
-    """Where files come from."""
+def entries(of: files.Output) -> list[Entry]:
+    """What is in a file, finished or not."""
+    with (of.path if of.path.exists() else files.with_part(of.path)).open("rb") as file:
+        return list(McapReader(file, str(of.path)).entries())
 
-    def __init__(self) -> None:
-        self.outputs: list[Output] = []
-        self.error = 0
-        self.free = 1_000_000
 
-    def begin(self, wall_ns: int) -> Output:
-        self.outputs.append(Output(Path(f"{len(self.outputs)}.mcap"), self))
-        return self.outputs[-1]
-
-    def free_bytes(self) -> int:
-        return self.free
-
-    def said(self, error: OSError) -> str:
-        return f"the disk says {error.errno}"
-
-    @property
-    def last(self) -> Output:
-        return self.outputs[-1]
+def topics(of: files.Output) -> list[str]:
+    return [entry.topic for entry in entries(of)]
 
 
 @pytest.fixture
-def disk() -> Disk:
-    return Disk()
+def disk(tmp_path: Path) -> Disk:
+    return Disk(tmp_path)
 
 
 @pytest.fixture
-def recorder(disk: Disk) -> WardRecorder:
-    made = WardRecorder(disk, WARD, knobs=KNOBS)
+def recorder(disk: Disk) -> Iterator[WardRecorder]:
+    made = WardRecorder(disk, WARD, SETTINGS)
     made.begin(NOW, 0.0)
-    return made
+    yield made
+    made.close()
 
 
 def raw(device: str, sequence: int, time_ns: int = NOW) -> Message:
@@ -127,13 +101,14 @@ def test_payloads_are_as_they_came_under_the_messages_own_time(recorder: WardRec
     messages = of_all_kinds("one", NOW - 3 * S)
     recorder.take(messages, NOW, 0.0)
     recorder.close()
-    entries = disk.last.entries()
-    assert [entry.payload for entry in entries] == [message.payload for message in messages]
-    assert disk.last.topics() == ["info/bridge-1/one", "raw/bridge-1/one", "corrected/one", "status/one", "note/one"]
-    assert {entry.log_ns for entry in entries} == {entry.publish_ns for entry in entries} == {NOW - 3 * S}
-    assert entries[1].facts == {"key": messages[1].key, "ward": WARD, "bridge": "bridge-1", "device": "one"}
-    assert entries[1].schema == "truerate.v1.SampleBatch"
-    assert (recorder.account.raw, recorder.account.corrected, recorder.account.messages) == (5, 5, 5)
+    (output,) = disk.outputs
+    found = entries(output)
+    assert [entry.payload for entry in found] == [message.payload for message in messages]
+    assert topics(output) == ["info/bridge-1/one", "raw/bridge-1/one", "corrected/one", "status/one", "note/one"]
+    assert {entry.log_ns for entry in found} == {entry.publish_ns for entry in found} == {NOW - 3 * S}
+    assert found[1].facts == {"key": messages[1].key, "ward": WARD, "bridge": "bridge-1", "device": "one"}
+    assert found[1].schema == "truerate.v1.SampleBatch"
+    assert (recorder.account.raw, recorder.account.corrected) == (5, 5)
     assert recorder.account.heard == {"one": 0.0}
 
 
@@ -152,7 +127,7 @@ def test_what_is_not_understood_is_counted_and_not_written(
     with caplog.at_level(logging.WARNING):
         recorder.take(messages, NOW, 0.0)
     recorder.close()
-    assert [entry.payload for entry in disk.last.entries()] == [good.payload]
+    assert [entry.payload for entry in entries(disk.outputs[-1])] == [good.payload]
     refused = recorder.account.refused.as_dict()
     assert refused.pop("malformed") + refused.pop("length", 0) == 2
     assert refused == {"foreign_id": 1, "wildcard_key": 1, "kind_alive/bridge": 1}
@@ -160,34 +135,38 @@ def test_what_is_not_understood_is_counted_and_not_written(
 
 
 def test_only_the_devices_that_are_wanted(disk: Disk) -> None:
-    recorder = WardRecorder(disk, WARD, ["two"], KNOBS)
+    recorder = WardRecorder(disk, WARD, replace(SETTINGS, devices=("two",)))
     recorder.begin(NOW, 0.0)
     recorder.take([*of_all_kinds("one"), raw("two", 0)], NOW, 0.0)
     recorder.close()
-    assert disk.last.topics() == ["raw/bridge-1/two"]
+    assert topics(disk.outputs[-1]) == ["raw/bridge-1/two"]
     assert recorder.account.refused.total() == 0
 
 
-def test_everything_is_safe_soon_after_it_came(recorder: WardRecorder, disk: Disk) -> None:
+def test_everything_is_safe_soon_after_it_came(
+    recorder: WardRecorder, disk: Disk, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    syncs = list[int]()
+    monkeypatch.setattr("os.fsync", syncs.append)
     recorder.take([raw("one", 0)], NOW, 0.0)
     recorder.tick(NOW, 0.0)
-    assert (len(disk.last.entries()), disk.last.syncs) == (1, 1)
+    assert (len(entries(disk.outputs[-1])), len(syncs)) == (1, 1)
     recorder.take([raw("one", 5)], NOW, 0.1)
     recorder.tick(NOW, 0.1)
-    assert len(disk.last.entries()) == 1
+    assert len(entries(disk.outputs[-1])) == 1
     recorder.tick(NOW, 0.45)
-    assert (len(disk.last.entries()), disk.last.syncs) == (2, 2)
+    assert (len(entries(disk.outputs[-1])), len(syncs)) == (2, 2)
 
 
 def test_a_new_file_after_its_time_begins_with_what_is_known(recorder: WardRecorder, disk: Disk) -> None:
     recorder.take(of_all_kinds("one"), NOW, 0.0)
     recorder.tick(NOW + 10 * S, 10.0)
-    assert [output.fate for output in disk.outputs] == ["finished", "open"]
+    assert [output.path.exists() for output in disk.outputs] == [True, False]
     recorder.take([raw("one", 5, NOW + 300 * S)], NOW + 300 * S, 10.1)
     recorder.close()
-    assert disk.last.topics() == ["info/bridge-1/one", "status/one", "raw/bridge-1/one"]
-    assert recorder.account.files == [Path("0.mcap"), Path("1.mcap")]
-    assert recorder.size == sum(len(output.data) for output in disk.outputs)
+    assert topics(disk.outputs[-1]) == ["info/bridge-1/one", "status/one", "raw/bridge-1/one"]
+    assert recorder.account.files == [output.path for output in disk.outputs]
+    assert recorder.size == sum(output.path.stat().st_size for output in disk.outputs)
 
 
 def test_a_new_file_begins_with_the_calibration_that_holds(recorder: WardRecorder, disk: Disk) -> None:
@@ -204,7 +183,7 @@ def test_a_new_file_begins_with_the_calibration_that_holds(recorder: WardRecorde
     recorder.take([raw("one", 5)], NOW, 11.0)
     recorder.close()
     assert len(disk.outputs) == 2
-    assert disk.last.entries()[0].payload == good.payload
+    assert entries(disk.outputs[-1])[0].payload == good.payload
 
 
 def test_a_full_disk_is_said_and_recording_goes_on_when_there_is_room(
@@ -217,30 +196,30 @@ def test_a_full_disk_is_said_and_recording_goes_on_when_there_is_room(
         recorder.take([raw("one", 5 * second)], NOW, float(second))
         recorder.tick(NOW, float(second))
     account = recorder.account
-    assert (account.not_recorded, account.trouble) == (4, f"the disk says {errno.ENOSPC}")
-    assert disk.outputs[0].fate == "abandoned"
-    assert len(disk.outputs[0].entries()) == 1
-    assert "truerate recording recover 0.mcap.part" in caplog.text
+    assert (account.not_recorded, account.trouble) == (4, f"{disk.path} is not writable: the disk is full")
+    torn = files.with_part(disk.outputs[0].path)
+    assert len(entries(disk.outputs[0])) == 1
+    assert f"truerate recording recover {torn}" in caplog.text
     assert sum("Recording has stopped" in record.message for record in caplog.records) == 1
     disk.error = 0
     recorder.tick(NOW, 8.0)
     recorder.take([raw("one", 50)], NOW, 8.1)
     recorder.close()
-    assert (disk.last.topics(), disk.last.fate) == (["raw/bridge-1/one"], "finished")
-    assert (account.trouble, account.files) == ("", [Path("0.mcap.part"), Path("1.mcap")])
+    assert topics(disk.outputs[-1]) == ["raw/bridge-1/one"]
+    assert (account.trouble, account.files) == ("", [torn, disk.outputs[-1].path])
     assert "4 messages lost meanwhile" in caplog.text
 
 
 def test_a_disk_that_fills_up_ends_the_file_well_while_others_have_room(recorder: WardRecorder, disk: Disk) -> None:
     recorder.take([raw("one", 0)], NOW, 0.0)
-    disk.free = 99
+    disk.free = 99_000_000
     recorder.tick(NOW, 1.0)
-    assert (disk.last.fate, len(disk.last.entries())) == ("finished", 1)
+    assert (disk.outputs[0].path.exists(), len(entries(disk.outputs[0]))) == (True, 1)
     assert "nearly full" in recorder.account.trouble
-    disk.free = 149
+    disk.free = 100_000_000 + round(ROOM_BYTES) - 1
     recorder.tick(NOW, 10.0)
     assert len(disk.outputs) == 1, "room for a moment is not enough to begin again"
-    disk.free = 150
+    disk.free += 1
     recorder.tick(NOW, 20.0)
     recorder.close()
     assert (len(disk.outputs), recorder.account.not_recorded) == (2, 0)
@@ -252,7 +231,7 @@ def test_a_bridge_that_makes_up_devices_leaves_room_for_those_of_others(
     made_up = [
         Message(
             keys.build(WARD, "info", bridge="b2", device=f"x{n}"),
-            codec.encode_info(replace(info(f"x{n}", NOW), bridge="b2")),
+            codec.encode_info(dataclasses.replace(info(f"x{n}", NOW), bridge="b2")),
         )
         for n in range(MAX_CHANNELS + 1)
     ]
@@ -262,9 +241,9 @@ def test_a_bridge_that_makes_up_devices_leaves_room_for_those_of_others(
     recorder.close()
     assert len(disk.outputs) == 2
     for output in disk.outputs:
-        topics = output.topics()
-        assert sum(topic.startswith("info/b2/") for topic in topics) == MOST_OF_A_BRIDGE
-    assert {"info/bridge-1/before", "raw/bridge-1/after", "corrected/after", "note/after"} <= set(topics)
+        found = topics(output)
+        assert sum(topic.startswith("info/b2/") for topic in found) == MOST_OF_A_BRIDGE
+    assert {"info/bridge-1/before", "raw/bridge-1/after", "corrected/after", "note/after"} <= set(found)
     assert recorder.account.refused.as_dict() == {"too_many_channels": MAX_CHANNELS + 1 - MOST_OF_A_BRIDGE}
     assert recorder.account.not_recorded == MAX_CHANNELS + 1 - MOST_OF_A_BRIDGE
     assert [record.levelname for record in caplog.records] == ["ERROR"]
@@ -273,19 +252,19 @@ def test_a_bridge_that_makes_up_devices_leaves_room_for_those_of_others(
 
 def test_other_devices_and_limits_are_taken_while_it_records(disk: Disk, recorder: WardRecorder) -> None:
     recorder.take([raw("chest", 0), raw("wrist", 0)], NOW, 0.0)
-    recorder.use(["wrist"], replace(KNOBS, rotate_s=1000.0))
+    recorder.use(replace(SETTINGS, devices=("wrist",), rotate="1h"))
     recorder.take([raw("chest", 1), raw("wrist", 1)], NOW + 20 * S, 20.0)
     recorder.tick(NOW + 20 * S, 20.0)
     assert len(disk.outputs) == 1, "20 s are not long any more"
     recorder.close()
-    assert [topic.rpartition("/")[2] for topic in disk.last.topics()] == ["chest", "wrist", "wrist"]
+    assert [topic.rpartition("/")[2] for topic in topics(disk.outputs[-1])] == ["chest", "wrist", "wrist"]
 
 
-def old_files(folder: Path, *names: str) -> None:
-    """Files of 1 MB, each an hour younger than the one before, the last an hour old at NOW."""
+def old_files(folder: Path, *names: str, size: int = 1_000_000) -> None:
+    """Files, each an hour younger than the one before, the last an hour old at NOW."""
     for number, name in enumerate(names):
         path = folder / name
-        path.write_bytes(bytes(1_000_000))
+        path.write_bytes(bytes(size))
         ended_ns = NOW - (len(names) - number) * 3600 * S
         os.utime(path, ns=(ended_ns, ended_ns))
 
@@ -295,14 +274,14 @@ OLD = [f"{WARD}-20260920T{hour:02d}0000Z.mcap" for hour in range(4)]
 
 @pytest.mark.parametrize(
     ("limits", "left", "why"),
-    [({"keep_s": 9000.0}, OLD[2:], "keep_days"), ({"keep_bytes": 3_200_000.0}, OLD[1:], "keep_gb"), ({}, OLD, "")],
+    [({"keep_days": 0.1}, OLD[2:], "keep_days"), ({"keep_gb": 0.0032}, OLD[1:], "keep_gb"), ({}, OLD, "")],
 )
 def test_the_oldest_finished_recordings_are_deleted_and_said(
     tmp_path: Path, caplog: pytest.LogCaptureFixture, limits: dict[str, float], left: list[str], why: str
 ) -> None:
     others = [f"{WARD}-20260101T000000Z.mcap.part", f"{WARD}-2-20260101T000000Z.mcap", f"{WARD}-notes.mcap"]
     old_files(tmp_path, *others, *OLD)
-    recorder = WardRecorder(files.Folder(tmp_path, WARD), WARD, knobs=replace(KNOBS, **limits))
+    recorder = WardRecorder(files.Folder(tmp_path, WARD), WARD, replace(SETTINGS, keep_free_mb=0, **limits))
     recorder.begin(NOW, 0.0)
     recorder.tick(NOW, 0.0)
     there = {path.name for path in tmp_path.iterdir()}
@@ -315,8 +294,8 @@ def test_the_oldest_finished_recordings_are_deleted_and_said(
 
 
 def test_the_file_under_way_counts_and_stays(tmp_path: Path) -> None:
-    old_files(tmp_path, *OLD)
-    recorder = WardRecorder(files.Folder(tmp_path, WARD), WARD, knobs=replace(KNOBS, keep_bytes=1.0))
+    old_files(tmp_path, *OLD, size=3_000_000)
+    recorder = WardRecorder(files.Folder(tmp_path, WARD), WARD, replace(SETTINGS, keep_free_mb=0, keep_gb=0.002))
     recorder.begin(NOW, 0.0)
     recorder.take([raw("chest", 0)], NOW, 0.0)
     recorder.tick(NOW, 0.0)

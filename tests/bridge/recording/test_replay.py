@@ -20,7 +20,7 @@ from bridge.recording.stretches import Stretch, read
 from bridge.transport.errors import DeviceUnavailable
 from bridge.wire import keys
 from tests.bridge.recording.crowd import STEP, TICK_S, WARD
-from tests.bridge.recording.test_contents import KNOBS, S, about, recorded, run
+from tests.bridge.recording.test_contents import SETTINGS, S, about, recorded, run
 from tests.memory_bus import MemoryBroker, MemoryBus
 
 SPEED = 10.0
@@ -34,7 +34,7 @@ def replay(path: Path, out: Path) -> dict[str, list[Stretch]]:
         {"id": name, "driver": "replayed", "file": str(path), "speed": SPEED, "recorded_device": name}
         for name in replayed.devices(path)
     ]
-    recorder = WardRecorder(Folder(out, WARD), WARD, knobs=KNOBS)
+    recorder = WardRecorder(Folder(out, WARD), WARD, SETTINGS)
     recorder.begin(time.time_ns(), 0.0)
     bridge = Bridge(id="replay", batch_ms=20, devices=tuple(Device.from_table(table) for table in tables))
     with Pump(WARD, bridge, MemoryBus(broker)) as ward:

@@ -6,7 +6,6 @@ import struct
 import numpy as np
 import pytest
 from rosbags.typesys import Stores, get_typestore
-from zenoh import ext
 
 from bridge.ros import messages
 from bridge.ros.imu_rows import ImuRows
@@ -53,14 +52,6 @@ def test_a_publishers_id_is_the_hash_that_rmw_zenoh_computes() -> None:
     assert gid(LISTENER).hex() == "49877999dacb858702d11ac823785912"
     assert gid(TALKER).hex() == "ac170f31eadcd9ff0cd86d7a17907d1c"
     assert gid(token).hex() == "cbb505c7533850a6fa7a548f51e78af7"
-
-
-def test_an_attachment_is_what_zenohs_serializer_makes_of_its_fields() -> None:
-    """rmw_zenoh serializes two int64 and an array of 16 bytes (attachment_helpers.cpp)."""
-    of, time_ns = gid(TALKER), 1_700_000_000_123_456_789
-    theirs = b"".join(ext.z_serialize(one).to_bytes() for one in (ext.Int64(7), ext.Int64(time_ns), of))
-    assert attachment(7, time_ns, of) == theirs
-    assert len(theirs) == 33
 
 
 def test_an_attachment_is_what_rmw_zenoh_sends() -> None:

@@ -68,7 +68,7 @@ def test_it_is_on_the_disk_before_it_has_its_name(
     out, named = tmp_path / "corrected.npz", list[bool]()
     monkeypatch.setattr("os.fsync", lambda _: named.append(out.exists()))
     assert main(["correct", str(recorded), str(out)]) == 0
-    assert named == [False]
+    assert not named[0]
 
 
 def test_csv_holds_the_same_numbers(recorded: Path, tmp_path: Path) -> None:

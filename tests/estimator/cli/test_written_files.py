@@ -12,20 +12,17 @@ from bridge.bus.contract import Message
 from bridge.recording import Recording
 from bridge.recording.error import RecordingError
 from bridge.recording.files import Folder, new_file
-from bridge.recording.recorder import Knobs, WardRecorder
+from bridge.recording.recorder import WardRecorder
+from bridge.recording.settings import Recorder
 from bridge.wire import codec, keys
 from estimator.database import StoreError
-from estimator.offline import calibration_file, corrected_file
+from estimator.offline import corrected_file
 from estimator.offline.recordings import correct
 from estimator.service.store import Store
 from tests.bridge.recording.crowd import WARD, samples
 from tests.estimator.device.test_correction import CALIBRATION
 
 PRECIOUS = "of somebody else"
-
-
-def calibration(path: Path) -> None:
-    calibration_file.save(CALIBRATION, path)
 
 
 def corrected(path: Path) -> None:
@@ -52,8 +49,7 @@ def backup(path: Path) -> None:
 
 #: each writer, with the name of its file and that of the file it writes first
 WRITERS = [
-    (calibration, "c.json", ".c.json.part"),
-    (corrected, "c.csv", ".c.csv.part"),
+    (corrected, "c.csv", ".c.csv.new"),
     (exported, "e.json", ".e.json.new"),
     (backup, "b.sqlite3", "b.sqlite3.part"),
 ]
@@ -98,7 +94,7 @@ def test_a_folder_where_a_file_is_written_first_is_said_and_left_alone(
 def test_a_recording_that_is_removed_while_it_is_written_is_said_and_begun_anew(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    recorder = WardRecorder(Folder(tmp_path, WARD), WARD, knobs=Knobs(flush_s=1.0))
+    recorder = WardRecorder(Folder(tmp_path, WARD), WARD, Recorder())
     recorder.begin(time.time_ns(), 0.0)
     key = keys.build(WARD, "raw", bridge="bridge-1", device="one")
     for second in range(4):

@@ -97,13 +97,13 @@ def test_equal_readings_of_a_coarse_sensor_are_no_repeats(tmp_path: Path) -> Non
 def test_a_reboot_splits_the_file(tmp_path: Path) -> None:
     path = written(tmp_path / "a.csv", np.concatenate([TIME[:400], TIME[: len(TIME) - 400]]))
     said = refusal(path)
-    assert "the device rebooted" in said
-    assert "choose with --boot: 1 (400 samples, 8 s), 2" in said
+    assert "the device, which rebooted" in said
+    assert "choose one with --boot: 1 (400 samples), 2" in said
     assert "--rate-hz" not in said
     assert len(load(path, boot=1)) == 400
     assert len(load(path, boot=2)) == len(TIME) - 400
-    assert "the device rebooted" in refusal(path, Reading(rate_hz=50.0))
-    assert "--boot is 3, but the file has boots 1 to 2" in refusal(path, Reading(boot=3))
+    assert "the device, which rebooted" in refusal(path, Reading(rate_hz=50.0))
+    assert "no --boot 3 of the device" in refusal(path, Reading(boot=3))
 
 
 def test_times_that_lost_their_digits_ask_for_the_rate(tmp_path: Path) -> None:
