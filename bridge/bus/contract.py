@@ -3,7 +3,7 @@
 `zenoh_bus` implements the contract, and so does the in-memory bus of the tests. One test suite checks both.
 
 Threads: every method may be called from any thread. A handler given to `answer` or `watch_alive` runs on a thread of
-the bus. The handler must be quick and must not raise; an exception is logged and counted. No method blocks longer than
+the bus. The handler must be quick and must not raise; an exception is logged. No method blocks longer than
 its timeout.
 """
 
@@ -51,9 +51,6 @@ class Subscription(Protocol):
 
     def drain(self, limit: int, timeout_s: float) -> list[Message]:
         """Wait up to timeout_s for a first message, then return up to `limit` messages at once; [] if none came."""
-
-    def wake(self) -> None:
-        """End the current wait in `drain` or `receive`, or else the next one, to free the reading thread for other work."""
 
     @property
     def missed(self) -> int:

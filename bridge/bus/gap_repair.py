@@ -3,7 +3,6 @@
 The thread answers queries to the session's own caches, and fetches missed messages from other publishers' caches.
 """
 
-import contextlib
 import logging
 import os
 import threading
@@ -16,7 +15,6 @@ from typing import Any, TypeVar
 import zenoh
 from zenoh import handlers
 
-from bridge.bus.handlers import HandlerError
 from bridge.bus.publisher_cache import HISTORY, PARAMETERS, SESSION_BYTES, Cache, Caches, Source
 from bridge.bus.zenoh_session import CHANNEL, Channel, said
 from bridge.bus.zenoh_subscription import Found, Subscription, by_source
@@ -95,7 +93,10 @@ class GapRepair:
             self._caches.discard(cache)
 
     def watch(self, channel: Channel[_T], handle: Callable[[_T], None]) -> None:
-        """Call handle(item) for each token or query in the channel, on the worker thread, until the channel closes."""
+        """Call handle(item) for each token or query in the channel, on the worker thread, until the channel closes.
+
+        handle must not raise.
+        """
         self._watched = [*self._watched, (channel, handle)]
 
     def begin(self, subscription: Subscription, most: int | None) -> None:
@@ -181,8 +182,7 @@ class GapRepair:
                 for _ in range(_AT_ONCE):
                     if (one := channel.try_recv()) is None:
                         break
-                    with contextlib.suppress(HandlerError):  # already logged; continue with the next one
-                        handle(one)
+                    handle(one)
             except zenoh.ZError:
                 self._watched = [one for one in self._watched if one is not watched]
 

@@ -56,8 +56,6 @@ class Cluster:
         self.replay = ReplayLog()
         #: whether another estimator was ever seen
         self.company = not self.membership.alone
-        #: called on a thread of the bus when an estimator appears or disappears
-        self.on_token: Callable[[], None] = lambda: None
         self._tokens: deque[tuple[str, bool]] = deque(maxlen=_TOKENS)
         self._owned = Decoder[Owned]("ownership", codec.decode_owned)
         self._checkpoints = Decoder[Checkpoint]("checkpoint", codec.decode_checkpoint)
@@ -66,7 +64,9 @@ class Cluster:
         self._said, self._mine = bus.publisher(self._own_key), deque[int](maxlen=_SAID)
         self._heard = bus.subscribe(keys.pattern(ward, "owned"), prompt=False)
         self._kept = bus.subscribe(keys.pattern(ward, "checkpoint"), history=True, prompt=False)
-        self._watch = bus.watch_alive(keys.pattern(ward, "alive/estimator"), self._token)
+        self._watch = bus.watch_alive(
+            keys.pattern(ward, "alive/estimator"), lambda key, alive: self._tokens.append((key, alive))
+        )
         self._looked, self._deaf_s, self._next_say, self._scan = now, 0.0, 0.0, True
         self._moves = Moves(now_ns)
         self._why: Sentences = ()
@@ -152,10 +152,6 @@ class Cluster:
             " of its own (more is only counted)",
             self.membership.own,
         )
-
-    def _token(self, key: str, alive: bool) -> None:  # noqa: FBT001 - the bus's contract
-        self._tokens.append((key, alive))
-        self.on_token()
 
     def _changed(self, key: str, alive: bool, now: float) -> None:  # noqa: FBT001
         try:

@@ -32,33 +32,34 @@ class CommandHandler:
         self._devices, self._record, self._gate = parts.devices, parts.record, gate
         self._guarded, self._counts, self._now_ns = parts.guarded, parts.counts, parts.now_ns
 
-    def do(self, key: keys.Key, command: Command, kept: Callable[[], None]) -> CommandReply:
-        """Execute a command and return the reply: accepted or refused, with a message.
+    def do(self, key: keys.Key, command: Command, answer: Callable[[CommandReply], None]) -> None:
+        """Execute a command and answer it: accepted or refused, with a message.
 
-        key: names device and verb. kept() is called once the outcome is on disk, after half a second of a failing disk,
-        or at once if nothing is stored. A command that was executed before is not repeated: its earlier reply is
-        returned and counted.
+        key: names device and verb. answer(reply) is called once the outcome is on disk, after half a second of a
+        failing disk, or at once if nothing is stored. A command that was executed before is not repeated: it gets its
+        earlier reply and is counted. So playing a recording of commands has no effect.
         """
+        verb, device = key.ids["verb"], self._devices.get(key.device)
         if (before := self._record.answered(key, command)) is not None:
             self._counts.add(REPEATED)
-            kept()
-            return before
-        if key.ids["verb"] in (FORGET, ERASE) and (key.device in self._devices or self._record.stores(key.device)):
-            done, said = self._forgetting.obey(key.device, key.ids["verb"], command.who)
-            reply = CommandReply(command.request_id, accepted=done, message=(said,))
-            log.info("%s: %s by %s: %s", key.device, key.ids["verb"], command.who, english(said))
-            self._record.audit(None, key, command, reply, kept)
-            return reply
-        if key.device not in self._devices:
-            kept()
-            if key.ids["verb"] == "acknowledge" and key.device == self._watch.id:
-                seen = self._watch.acknowledge(command.reason.strip(), command.who, self._now_ns())
-                return CommandReply(command.request_id, accepted=bool(seen), message=acknowledged(key.device, seen))
-            return self._unknown(key, command)
-        reply = self._done(self._devices[key.device], key.ids["verb"], command)
-        log.info("%s: %s by %s: %s", key.device, key.ids["verb"], command.who, english(*reply.message))
-        self._record.audit(self._devices[key.device], key, command, reply, kept)
-        return reply
+            answer(before)
+            return
+        if verb in (FORGET, ERASE) and (device is not None or self._record.stores(key.device)):
+            done, said = self._forgetting.obey(key.device, verb, command.who)
+            device, reply = None, CommandReply(command.request_id, accepted=done, message=(said,))
+        elif device is not None:
+            reply = self._done(device, verb, command)
+        elif verb == "acknowledge" and key.device == self._watch.id:
+            seen = self._watch.acknowledge(command.reason.strip(), command.who, self._now_ns())
+            reply = CommandReply(command.request_id, accepted=bool(seen), message=acknowledged(key.device, seen))
+            self._record.remember(key, reply)
+            answer(reply)
+            return
+        else:
+            answer(self._unknown(key, command))
+            return
+        log.info("%s: %s by %s: %s", key.device, verb, command.who, english(*reply.message))
+        self._record.audit(device, key, command, reply, answer)
 
     def _unknown(self, key: keys.Key, command: Command) -> CommandReply:
         """Refuse a command for an unknown device; counted but not stored, since anybody can invent names."""

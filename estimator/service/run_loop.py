@@ -149,7 +149,6 @@ class Service:
         # The full past would delay an estimator beside others, and they have corrected it.
         past = PAST_IN_COMPANY if peers else None
         self._raw = bus.subscribe(keys.pattern(ward, "raw"), history=True, capacity=QUEUE, most_past=past)
-        self._cluster.on_token = self._raw.wake
         self._info = bus.subscribe(keys.pattern(ward, "info"), history=True, prompt=False)
         self._declared = [
             bus.answer(keys.pattern(ward, "rpc"), self._commands.ask),

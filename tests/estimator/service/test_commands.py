@@ -14,14 +14,11 @@ KEY = keys.build("w", "rpc", device="chest", verb="recalibrate")
 
 
 class Desk:
-    """Commands, and a service that does them when it `works`; what is written down is said by `writes`."""
+    """Commands, and a service that does them when it `works`."""
 
-    def __init__(self, *, writes: bool = True) -> None:
-        self.counts = list[str]()
-        self.commands = Commands(counted=self.counts.append)
+    def __init__(self) -> None:
+        self.commands = Commands()
         self.done: list[tuple[str, str]] = []
-        self.unwritten = list[Callable[[], None]]()
-        self._writes = writes
 
     def ask(self, request_id: str = "r1", key: str = KEY, payload: bytes | None = None) -> list[CommandReply]:
         """Replies, as they come."""
@@ -39,13 +36,9 @@ class Desk:
     def work(self) -> None:
         self.commands.work(self._do)
 
-    def _do(self, key: keys.Key, command: Command, kept: Callable[[], None]) -> CommandReply:
+    def _do(self, key: keys.Key, command: Command, answer: Callable[[CommandReply], None]) -> None:
         self.done.append((key.ids["verb"], command.request_id))
-        if self._writes:
-            kept()
-        else:
-            self.unwritten.append(kept)
-        return CommandReply(command.request_id, accepted=True, message=free(f"number {len(self.done)}"))
+        answer(CommandReply(command.request_id, accepted=True, message=free(f"number {len(self.done)}")))
 
 
 @pytest.fixture
@@ -53,22 +46,6 @@ def now(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     at = [100.0]
     monkeypatch.setattr("estimator.service.commands.time.monotonic", lambda: at[0])
     return at
-
-
-def test_a_command_is_done_once_however_often_it_is_sent() -> None:
-    desk = Desk()
-    first, second, other = desk.answer(), desk.answer(), desk.answer("r2")
-    assert first == second == CommandReply("r1", accepted=True, message=free("number 1"))
-    assert other.message == free("number 2")
-    assert desk.done == [("recalibrate", "r1"), ("recalibrate", "r2")]
-    assert desk.counts == ["repeated"]
-
-
-def test_one_request_id_for_two_devices_or_verbs_is_two_requests() -> None:
-    desk = Desk()
-    for device, verb in (("chest", "recalibrate"), ("back", "recalibrate"), ("chest", "cancel")):
-        desk.answer("r1", keys.build("w", "rpc", device=device, verb=verb))
-    assert len(desk.done) == 3
 
 
 @pytest.mark.parametrize(
@@ -99,16 +76,6 @@ def test_a_command_that_waited_too_long_is_not_done(now: list[float]) -> None:
     assert Code.ESTIMATOR_BUSY in codes(replies[0].message)
     assert desk.done == []
     assert desk.answer().accepted
-
-
-def test_it_is_answered_once_it_is_written_down() -> None:
-    desk = Desk(writes=False)
-    first, second = desk.ask(), desk.ask()
-    desk.work()
-    assert first == second == []
-    desk.unwritten[0]()
-    assert first == second == [CommandReply("r1", accepted=True, message=free("number 1"))]
-    assert len(desk.done) == 1
 
 
 def test_too_many_at_once_are_turned_away() -> None:
