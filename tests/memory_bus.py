@@ -244,7 +244,7 @@ class _Answerer(_Declared):
     def tell(self, key: str, payload: bytes, done: Callable[[tuple[bytes, str]], None]) -> None:
         try:
             self._handler(key, payload, lambda reply: done((reply, "an empty answer")))
-        except Exception as error:
+        except Exception as error:  # noqa: BLE001 - as on zenoh
             _log.exception("the handler of queries on %s failed", key)
             done((b"", f"{type(error).__name__}: {error}"))
 
@@ -282,5 +282,5 @@ class _Watcher(_Declared):
         while change := self._changes.get():
             try:
                 self._on_change(*change)
-            except Exception:
+            except Exception:  # noqa: BLE001 - as on zenoh
                 _log.exception("the handler of the liveliness of %s failed", self._pattern)

@@ -159,8 +159,10 @@ class ZenohBus:
                 alive.symmetric_difference_update((key,))
                 try:
                     on_change(key, now)
-                except Exception:
-                    _log.exception("the handler of the liveliness of %s failed; the next change is handed to it", pattern)
+                except Exception:  # noqa: BLE001 - a handler must not stop the bus
+                    _log.exception(
+                        "the handler of the liveliness of %s failed; the next change is handed to it", pattern
+                    )
 
         self._repair.watch(watcher.handler, tell)
         return Declared(self, watcher)
@@ -255,7 +257,7 @@ def _answer(query: zenoh.Query, handler: Callable[[str, bytes, Reply], None]) ->
     try:
         check_key(key)
         handler(key, query.payload.to_bytes() if query.payload is not None else b"", reply)
-    except Exception as error:
+    except Exception as error:  # noqa: BLE001 - a handler must not stop the bus
         if not isinstance(error, BusError):
             _log.exception("the handler of queries on %s failed", key)
         with query, contextlib.suppress(zenoh.ZError):

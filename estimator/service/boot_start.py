@@ -133,7 +133,7 @@ class Boots:
                 self._guarded(device, what)
 
         session = device.session
-        self._record.earlier.law(session, info, lambda law: use(lambda: session.learnt.expect(law)))
+        self._record.earlier.law(session, info, lambda law: use(lambda: session.learnt.expect(law)) if law else None)
         self._record.earlier.moves(session, info, lambda moves: use(lambda: session.moves(moves)))
 
     def _from_scratch(self, device: Device, info: DeviceInfo, why: Sentences) -> list[str]:

@@ -45,6 +45,7 @@ from estimator.service.quota import FLOODED, Quotas
 from estimator.service.replay_log import Resumed
 from estimator.service.store import Store
 from estimator.service.store_access import StoreAccess
+from estimator.service.store_care import StoreCare
 from estimator.service.store_writer import StoreWriter
 from estimator.service.takeover import Takeover
 
@@ -94,20 +95,15 @@ class Service:
     ) -> None:
         self.ward, self.settings, self._file = ward, settings, file
         self.counts = Tally()
-        self._bus, self._now_ns, self._store_path, self._send = bus, now_ns, store.path, send
+        self._bus, self._now_ns = bus, now_ns
         self._cluster = Cluster(ward, settings.id, bus, now_ns, self.counts, peers)
         self._guarded = FaultIsolation(self.counts)
+        self._store, self._clerk = store, clerk or StoreWriter(store.database, thread=False)
+        self._care = StoreCare(store, now_ns, self._clerk)
         self._record = StoreAccess(
-            store,
-            self.counts,
-            now_ns,
-            clerk,
-            self._cluster.replicas,
-            self._cluster.tell,
-            lambda: self._cluster.membership.highest,
-            self._guarded,
+            store, self.counts, now_ns, self._clerk, self._cluster.replicas, self._cluster.tell, self._guarded
         )
-        self._cluster.membership.hear(self._record.epoch())
+        self._cluster.membership.hear(store.epoch())
         self._send, self._sends = send, sends
         now = time.monotonic()
         standing = self._record.standing(settings.id)
@@ -159,7 +155,7 @@ class Service:
 
     def run(self, stop: threading.Event) -> None:
         """Serve until `stop` is set; then correct the last samples, store the biases and leave the bus."""
-        log.info("estimator %s serves ward %s, store %s", self.settings.id, self.ward, self._store_path)
+        log.info("estimator %s serves ward %s, store %s", self.settings.id, self.ward, self._store.path)
         while not stop.is_set():
             self.step(0.05)
         deadline = time.monotonic() + DRAIN_S
@@ -169,7 +165,7 @@ class Service:
         now = time.monotonic()
         for device in self._devices.values():
             self._guarded(device, partial(self._record.checkpoint, device, now, force=True, whole=True))
-        self._record.close()
+        self._clerk.close()
         self._stock.log(now, self._count_all(), last=True)
         self._takeover.tidy(math.inf)
         for thing in (
@@ -267,9 +263,9 @@ class Service:
             device.overloaded_s, device.unkept = over_s, bool(self._record.trouble)
         self._to_look |= dict.fromkeys(self._devices)
         self._cluster.look_round(now, self._devices.keys() | self._quotas.devices())
-        self._record.tend(now)
+        self._care.tend(now, self._cluster.membership.highest)
         if self._own_alerts.due(now):
-            self._record.look_up(self._own_alerts.look_at_machine)
+            self._clerk.look_up(self._own_alerts.look_at_machine)
         self._own_alerts.look(now, self._now_ns())
         self._cluster.alerts = self._own_alerts.board.standing
         counts = self._count_all()
@@ -305,5 +301,9 @@ class Service:
 
     def _count_all(self) -> dict[str, int]:
         missed = {"sample messages missed": self._raw.missed, "info messages missed": self._info.missed}
+        missed |= {
+            "store failed": self._store.database.failures,
+            "damage in the store": len(self._store.database.notes),
+        }
         met = refused(*self._intake.decoders, *self._cluster.decoders) | self.counts.as_dict()
         return met | {label: n for label, n in missed.items() if n}
