@@ -9,7 +9,6 @@ from bridge.ingest import duplicate_bridges
 from bridge.reasons.catalogue import english
 from bridge.wire import codec, keys
 from bridge.wire.refusal import Refusal
-from estimator.client.decoder import Decoder
 from estimator.device.admission import BEGINS, Ruling
 from estimator.device.batch_correction import Cut, correct
 from estimator.device.orientation import oriented
@@ -44,9 +43,6 @@ class Intake:
         self._devices, self._boots, self._guarded = parts.devices, boots, parts.guarded
         self._resumed, self._counts = resumed, parts.counts
         self._say, self._starts, self._came = tell, starts, checks.came
-        self._samples = Decoder("sample", codec.decode_samples, self._refused)
-        self._infos = Decoder("info", codec.decode_info, self._refused)
-        self.decoders = self._samples, self._infos
         #: samples to correct and publish in this round, in order; devices with samples that could not be published
         self._due: list[tuple[Device, Cut]] = []
         self._unsaid: list[tuple[Device, Exception]] = []
@@ -60,7 +56,7 @@ class Intake:
         resumed = self._resumed.lasts(now)
         for message, samples in zip(messages, decode(messages), strict=True):
             if isinstance(samples, Refusal):
-                self._samples.refuse(message.key, samples)
+                self._refuse("sample", message.key, samples)
                 continue
             came += samples.n
             if resumed and self._resumed.done(samples):
@@ -77,7 +73,10 @@ class Intake:
 
         A calibration that the device made itself and states in the info is offered to its session.
         """
-        if (info := self._infos.take(message)) is None:
+        try:
+            info = codec.decode_info(*message)
+        except Refusal as refusal:
+            self._refuse("info", message.key, refusal)
             return
         before = self._devices.info(info.bridge, info.device)
         self._devices.note(info)
@@ -93,7 +92,10 @@ class Intake:
 
         self._guarded(device, introduced)
 
-    def _refused(self, key: str, refusal: Refusal) -> None:
+    def _refuse(self, what: str, key: str, refusal: Refusal) -> None:
+        """Count a refused message by its reason, in the ward's counts and with its device; the first is logged."""
+        if self._counts.add(f"{what} messages refused, {refusal.reason}") == 1:
+            log.warning("%s message refused, %s (further ones of this kind are only counted)", what, refusal)
         try:
             device = self._devices.get(keys.parse(key).ids.get("device", ""))
         except Refusal:

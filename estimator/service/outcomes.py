@@ -2,7 +2,6 @@
 
 import logging
 import time
-from collections import deque
 from collections.abc import Sequence
 
 from bridge.bus.contract import BusError
@@ -14,10 +13,6 @@ from estimator.service.parts import Parts
 
 log = logging.getLogger(__name__)
 
-#: most device seconds summarised at once, and how long fewer of them wait for more, s
-AT_ONCE, WAIT_S = 64, 0.2
-#: most seconds that wait; beyond that the oldest are dropped, since viewers want the present
-MOST = 4096
 #: device blocks whose summaries failed are counted under this name
 FAILED = "windows failed"
 
@@ -30,22 +25,20 @@ class WindowViews:
 
     def __init__(self, counts: Tally) -> None:
         self._counts = counts
-        self._waiting: deque[tuple[Device, Second]] = deque(maxlen=MOST)
-        self._said = float("-inf")
+        self._waiting: list[tuple[Device, Second]] = []
 
     def take(self, device: Device, seconds: Sequence[Second]) -> None:
         """Queue the finished blocks of a device."""
         self._waiting.extend((device, second) for second in seconds)
 
-    def say(self, now: float) -> None:
-        """Publish summaries once AT_ONCE blocks wait or WAIT_S have passed; at most AT_ONCE blocks per call.
+    def say(self) -> None:
+        """Publish the summaries of the queued blocks, once a round of the run loop.
 
-        now: s of any steady clock. A failure is logged and counted; only BusError is raised.
+        A failure is logged and counted; only BusError is raised.
         """
-        if not self._waiting or (len(self._waiting) < AT_ONCE and now - self._said < WAIT_S):
+        due, self._waiting = self._waiting, []
+        if not due:
             return
-        self._said = now
-        due = [self._waiting.popleft() for _ in range(min(AT_ONCE, len(self._waiting)))]
         try:
             for (device, _), batch in zip(due, windows([second for _, second in due]), strict=True):
                 device.say_windows(batch)

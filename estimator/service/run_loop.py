@@ -17,7 +17,6 @@ from bridge.wire import keys
 from bridge.wire.messages import Placement
 from bridge.wire.refusal import Tally
 from estimator.alerts.board import Change
-from estimator.client.decoder import refused
 from estimator.config.alerts import DEFAULTS, Alerts
 from estimator.config.schema import Estimator, Ward
 from estimator.device.lifecycle import Event
@@ -200,7 +199,7 @@ class Service:
         if self._file and (new := self._file.look(now)):
             self._take_settings(new)
         self._record.collect(now)
-        self._views.say(now)
+        self._views.say()
         if now >= self._next_status:
             self._next_status = now + STATUS_S
             self._every_second(now)
@@ -305,5 +304,4 @@ class Service:
             "store failed": self._store.database.failures,
             "damage in the store": len(self._store.database.notes),
         }
-        met = refused(*self._intake.decoders, *self._cluster.decoders) | self.counts.as_dict()
-        return met | {label: n for label, n in missed.items() if n}
+        return self.counts.as_dict() | {label: n for label, n in missed.items() if n}
