@@ -3,10 +3,16 @@
 import threading
 from collections import Counter, deque
 from collections.abc import Iterable
-
-from bridge.bus.contract import Message
+from typing import NamedTuple
 
 MOST_KEYS = 1024
+
+
+class Message(NamedTuple):
+    """One message received from the bus: key and payload bytes, neither parsed nor validated."""
+
+    key: str
+    payload: bytes
 
 
 class MessageQueue:
@@ -48,7 +54,7 @@ class MessageQueue:
 
     @property
     def missed(self) -> int:
-        """Number of messages known to be lost, over all keys."""
+        """Number of messages known to be lost, over all keys: as the bus reports, or because this queue was full."""
         return self._missed.total()
 
     @property
@@ -59,13 +65,18 @@ class MessageQueue:
 
     @property
     def overflowed(self) -> int:
-        """Number of messages dropped because this queue was full."""
+        """Number of messages dropped because this queue was full, that is, because its reader is too slow."""
         return self._overflowed
 
     @property
     def closed(self) -> bool:
-        """Whether the queue is closed: it discards new messages, and readers get none."""
+        """Whether the queue is closed: it discards new messages, and readers get none, so a reading loop must end."""
         return self._over
+
+    @property
+    def caught_up(self) -> bool:
+        """Whether the history from publishers' caches has arrived, or its query has timed out; live messages follow."""
+        return True
 
     def receive(self, timeout_s: float) -> Message | None:
         """Return the next message, or None if none comes within timeout_s seconds or once the queue is closed."""

@@ -5,6 +5,7 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
+from typing import TYPE_CHECKING
 
 import zenoh
 from zenoh import handlers
@@ -13,7 +14,10 @@ from bridge.bus.contract import Message
 from bridge.bus.gap_detection import Gap, GapDetector
 from bridge.bus.message_queue import MessageQueue
 from bridge.bus.publisher_cache import IDENTITY_BYTES, STAMP_BYTES, Source
-from bridge.bus.zenoh_session import Declared, Home, Joined
+from bridge.bus.zenoh_session import Declared, Joined
+
+if TYPE_CHECKING:
+    from bridge.bus.zenoh_bus import ZenohBus
 
 _log = logging.getLogger(__name__)
 
@@ -34,7 +38,7 @@ class Subscription(MessageQueue, Declared):
 
     def __init__(
         self,
-        bus: Home,
+        bus: "ZenohBus",
         subscribers: Sequence[zenoh.Subscriber[handlers.Handler[zenoh.Sample]]],
         patterns: Sequence[str],
         capacity: int,

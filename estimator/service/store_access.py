@@ -93,8 +93,9 @@ class StoreAccess:
         """
         if device.repeated == boot:
             return None  # all of it belongs to another power-up
-        said = self._replicas.calibration(device.name, boot)
-        before = self._store.made_before(device.name, boot)
+        known, before = self._replicas.of(device.name), self._store.made_before(device.name, boot)
+        said = calibrated(known) if known is not None and known.boot == boot else None
+        repeated = known is not None and known.boot == boot and known.boot_repeated and said is None
         if said is not None and before.has(said):
             said = None  # its sender has not heard of the repeated boot number
         pending = [c for c in self._of_device(device.name) if c.boot == boot]
@@ -107,7 +108,7 @@ class StoreAccess:
             ours = self._store.recall(device.name, boot, self._now_ns())
             same = ours is not None and ours.calibration is not None and ours.calibration.id == (later or said).id
             return ours if same else PriorKnowledge(later or said, None)
-        if self._replicas.repeated(device.name, boot):
+        if repeated:
             self.repeat(device, boot)
             return None
         ours = self._store.recall(device.name, boot, self._now_ns())

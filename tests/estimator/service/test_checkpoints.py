@@ -40,10 +40,9 @@ def test_a_calibration_said_late_is_not_of_a_boot_whose_number_came_again() -> N
     replicas = Checkpoints(10)
     replicas.note(replace(said, epoch=9, calibration=None, boot_repeated=True))
     replicas.note(replace(said, epoch=8))
-    assert replicas.repeated(NAME, 1)
-    assert replicas.calibration(NAME, 1) is None
-    replicas.note(replace(said, epoch=9, boot_repeated=False))
-    assert not replicas.repeated(NAME, 1)
+    assert (known := replicas.of(NAME)) is not None
+    assert known.boot_repeated
+    assert known.calibration is None
 
 
 def test_a_calibration_of_another_boot_is_a_prior_under_its_key_and_no_more() -> None:
@@ -52,7 +51,6 @@ def test_a_calibration_of_another_boot_is_a_prior_under_its_key_and_no_more() ->
     assert said is not None
     replicas = Checkpoints(10)
     replicas.note(said)
-    assert replicas.calibration(NAME, 2) is None
     assert replicas.prior(info(1)) is None
     assert replicas.prior(info(2)) is said.calibration
     assert replicas.prior(info(2, firmware="2.0")) is None
