@@ -2,8 +2,9 @@
 
 import math
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
+from types import MappingProxyType
 
 import numpy as np
 
@@ -22,7 +23,6 @@ from estimator.device.orientation import OrientedCut
 from estimator.device.session import DeviceSession
 from estimator.device.session_knobs import SessionKnobs
 from estimator.service import output
-from estimator.service.overload import OVERLOADED, UNKEPT
 
 #: messages cached for late and returning subscribers; for corrected, a bridge's cache of 50 ms batches and some more
 CACHES = {"corrected": 640, "status": 1, "calibration": 8, "revision": 8, "note": 8, "checkpoint": 1}
@@ -43,7 +43,7 @@ class Device:
     """Session and publishers of one device. After a failure in the session, `restart` begins a new one.
 
     silence_s: silence after which the device counts as lost, s. now: monotonic s. epoch: of this estimator's ownership.
-    began: device time at the start of the boot, s.
+    began: device time at the start of the boot, s. troubles: events of the whole estimator, which may change.
     """
 
     def __init__(
@@ -57,8 +57,9 @@ class Device:
         epoch: int = 0,
         began: float = 0.0,
         alerts: Alerts = DEFAULTS,
+        troubles: Mapping[str, int] = MappingProxyType({}),
     ) -> None:
-        self.name = name
+        self.name, self._troubles = name, troubles
         self._alerts = alerts
         #: alerts of this device
         self.board = Board(alerts)
@@ -78,10 +79,6 @@ class Device:
         self.announced_after_s = 0.0
         self._first_s = math.inf  # device time of the first sample of a device that is not announced
         self._told = ""  # id of the calibration published last
-        #: how long the estimator has not kept up with its devices, s; 0 when it keeps up
-        self.overloaded_s = 0
-        #: whether the store cannot be written now
-        self.unkept = False
         #: where and by whom the device is worn; None if nobody said
         self.placement: Placement | None = None
         #: the status published last
@@ -243,8 +240,6 @@ class Device:
 
         time_ns: host time, ns since the Unix epoch.
         """
-        more = [(OVERLOADED, self.overloaded_s)] if self.overloaded_s else []
-        more += [(UNKEPT, 1)] if self.unkept else []
         now = time.monotonic()
         silent_s = now - self.heard if now - self.heard > SILENT_S else 0.0
         said = self.session.status(
@@ -253,7 +248,7 @@ class Device:
             refused_bridges=self.admission.refused(now),
             epoch=self.epoch,
             silent_s=silent_s,
-            more=more,
+            more=[(event, n) for event, n in self._troubles.items() if n],
             placement=self.placement,
             alerts=self.board.standing,
         )

@@ -83,7 +83,7 @@ class DeviceStarts:
         if self._parts.record.holds(device, known) and self._goes_on(device, known):
             self._was_heard(device, known.bridge, known.time_ns, now)
             devices[name] = device
-            self._parts.guarded(device, self._resume, device)
+            self._parts.devices.guard(device, self._resume, device)
         return devices.get(name)
 
     def miss(self, now: float, wanted: Callable[[str], bool]) -> None:
@@ -124,13 +124,24 @@ class DeviceStarts:
             record.keep(device, calibration)
             device.say_status(self._parts.now_ns())
 
-        self._parts.guarded(device, adopted)
+        self._parts.devices.guard(device, adopted)
 
     def _made(self, name: str, now: float, bridge: str, began: float = 0.0) -> Device:
         """Create a device owned by us. bridge: that sends it. began: device time in s of the start of its boot, if known."""
         parts = self._parts
         knobs, epoch = self._boots.knobs(name, bridge), parts.cluster.epoch(name)
-        device = Device(parts.bus, parts.ward, name, knobs, parts.settings.silence_s, now, epoch, began, self._alerts)
+        device = Device(
+            parts.bus,
+            parts.ward,
+            name,
+            knobs,
+            parts.settings.silence_s,
+            now,
+            epoch,
+            began,
+            self._alerts,
+            parts.troubles,
+        )
         device.stands(parts.record.standing(name), now)
         known = self._listed or parts.record.knows(name) or parts.cluster.replicas.of(name) is not None
         device.announced_after_s = 0.0 if known else NEWCOMER_S
@@ -152,7 +163,7 @@ class DeviceStarts:
         """Put a device into the roster; it continues a boot that this estimator saved at an orderly stop."""
         self._parts.devices[device.name] = device
         if (stopped := self._parts.record.stopped(device.name, boot)) is not None and self._goes_on(device, stopped):
-            self._parts.guarded(device, self._resume, device)
+            self._parts.devices.guard(device, self._resume, device)
 
     def _goes_on(self, device: Device, known: Checkpoint) -> bool:
         """Whether a device continues from a checkpoint; a damaged checkpoint changes nothing and is counted."""

@@ -40,7 +40,7 @@ class Intake:
         tell: Callable[[Device, Outcome], None],
         starts: DeviceStarts,
     ) -> None:
-        self._devices, self._boots, self._guarded = parts.devices, boots, parts.guarded
+        self._devices, self._boots = parts.devices, boots
         self._resumed, self._counts = resumed, parts.counts
         self._say, self._starts, self._came = tell, starts, checks.came
         #: samples to correct and publish in this round, in order; devices with samples that could not be published
@@ -66,7 +66,7 @@ class Intake:
         self._came(came)
         self._publish()
         while self._unsaid:  # only now, when no batch is under way
-            self._guarded.failed(*self._unsaid.pop())
+            self._devices.failed(*self._unsaid.pop())
 
     def hear(self, message: Message) -> None:
         """Process a bridge's device info message: keep the info, and apply it if it belongs to the present boot.
@@ -90,7 +90,7 @@ class Intake:
             if info.calibration is not None and device.announced:  # a refusal could not be published before
                 self._tell(device, device.session.offered(info.calibration, time.time_ns()))
 
-        self._guarded(device, introduced)
+        self._devices.guard(device, introduced)
 
     def _refuse(self, what: str, key: str, refusal: Refusal) -> None:
         """Count a refused message by its reason, in the ward's counts and with its device; the first is logged."""
@@ -110,7 +110,7 @@ class Intake:
         if device.admission.owns(samples.bridge, now):
             device.key = key
             device.came += samples.n
-            self._guarded(device, self._take, device, samples, now)
+            self._devices.guard(device, self._take, device, samples, now)
             return
         if device.session.sequence.events.add(device.admission.label(samples.bridge, now), samples.n) == samples.n:
             # The number of such samples stands in the device's status.

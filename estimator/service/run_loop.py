@@ -22,7 +22,6 @@ from estimator.config.schema import Estimator, Ward
 from estimator.device.lifecycle import Event
 from estimator.service.boot_start import Boots
 from estimator.service.cluster import Cluster
-from estimator.service.command_handling import CommandHandler
 from estimator.service.commands import Commands
 from estimator.service.device import Device
 from estimator.service.device_loss import DeviceLoss
@@ -30,12 +29,11 @@ from estimator.service.device_roster import DeviceRoster
 from estimator.service.device_start import DeviceStarts
 from estimator.service.enrolment_gate import EnrolmentGate, Notices
 from estimator.service.entrance import Entrance, Newcomers
-from estimator.service.fault_isolation import FaultIsolation
 from estimator.service.forgetting import Forgetting
 from estimator.service.health import ServiceHealth
 from estimator.service.intake import Intake
-from estimator.service.outcomes import Outcomes, WindowViews
-from estimator.service.overload import OVERLOADED, Overload
+from estimator.service.outcomes import Outcomes
+from estimator.service.overload import OVERLOADED, UNKEPT, Overload
 from estimator.service.own_alerts import OwnAlerts
 from estimator.service.parts import Parts
 from estimator.service.periodic_checks import PeriodicChecks
@@ -96,11 +94,11 @@ class Service:
         self.counts = Tally()
         self._bus, self._now_ns = bus, now_ns
         self._cluster = Cluster(ward, settings.id, bus, now_ns, self.counts, peers)
-        self._guarded = FaultIsolation(self.counts)
+        self._devices = DeviceRoster(self.counts, settings.silence_s)
         self._store, self._clerk = store, clerk or StoreWriter(store.database, thread=False)
         self._care = StoreCare(store, now_ns, self._clerk)
         self._record = StoreAccess(
-            store, self.counts, now_ns, self._clerk, self._cluster.replicas, self._cluster.tell, self._guarded
+            store, self.counts, now_ns, self._clerk, self._cluster.replicas, self._cluster.tell, self._devices.guard
         )
         self._cluster.membership.hear(store.epoch())
         self._send, self._sends = send, sends
@@ -110,15 +108,12 @@ class Service:
         self._own_alerts = OwnAlerts(
             settings.id, alerts, store.database, routers, self._alerted, standing, now, copies_fail
         )
-        self._devices = DeviceRoster(self.counts, settings.silence_s)
-        parts = Parts(
-            ward, settings, bus, now_ns, self.counts, self._devices, self._cluster, self._record, self._guarded
-        )
+        parts = Parts(ward, settings, bus, now_ns, self.counts, self._devices, self._cluster, self._record, {})
+        self._troubles = parts.troubles
         resumed = Resumed(self._record.reached(), now)
         self._stock = PeriodicChecks(self._devices, self.counts, vitals or ServiceHealth())
         boots = Boots(parts)
-        self._views = WindowViews(self.counts)
-        self._outcomes = Outcomes(parts, self._views)
+        self._outcomes = Outcomes(parts)
         self._starts = DeviceStarts(parts, boots, resumed, self._outcomes.tell, alerts, listed=enrolment is not None)
         self._missing_s = now + MISSING_S
         self._intake = Intake(parts, boots, self._stock, resumed, self._outcomes.tell, self._starts)
@@ -133,14 +128,11 @@ class Service:
         self._lost = DeviceLoss(self._devices, self._presence, self._gate, self._quotas, settings.silence_s)
         #: devices due for the once-a-second work, in order
         self._to_look = dict[str, None]()
-        self._forgetting = forgetting = Forgetting(parts, self._gate, self._presence, self._stock)
-        self._orders = CommandHandler(parts, self._gate, self._own_alerts, forgetting)
-        self._commands = Commands(
-            self._cluster.answers, lambda reason: self.counts.add(f"commands {reason}"), forgetting.overhear
-        )
+        self._forgetting = Forgetting(parts, self._gate, self._presence, self._stock)
+        self._commands = Commands(parts, self._gate, self._own_alerts, self._forgetting)
         #: when the present round began, when the last once-a-second work did, and when the next is due
         self._began, self._looked, self._next_status = now, now, 0.0
-        self._router = RouterWatch(log, STATUS_S, vitals.routers if vitals else None)
+        self._router = RouterWatch(log, vitals.routers if vitals else None)
         # The full past would delay an estimator beside others, and they have corrected it.
         past = PAST_IN_COMPANY if peers else None
         self._raw = bus.subscribe(keys.pattern(ward, "raw"), history=True, capacity=QUEUE, most_past=past)
@@ -163,7 +155,7 @@ class Service:
         self.work()
         now = time.monotonic()
         for device in self._devices.values():
-            self._guarded(device, partial(self._record.checkpoint, device, now, force=True, whole=True))
+            self._devices.guard(device, partial(self._record.checkpoint, device, now, force=True, whole=True))
         self._clerk.close()
         self._stock.log(now, self._count_all(), last=True)
         self._takeover.tidy(math.inf)
@@ -194,12 +186,12 @@ class Service:
         ours, others = self._entrance.sort(messages, began)
         ours += self._takeover.take(others, began)
         self._intake.take(self._quotas.round(ours))
-        self._commands.work(self._orders.do)
+        self._commands.work()
         now = time.monotonic()
         if self._file and (new := self._file.look(now)):
             self._take_settings(new)
         self._record.collect(now)
-        self._views.say()
+        self._outcomes.say_windows()
         if now >= self._next_status:
             self._next_status = now + STATUS_S
             self._every_second(now)
@@ -212,7 +204,7 @@ class Service:
         for waiting, do in ((self._outcomes.to_learn, self._outcomes.learn), (self._to_look, self._look_after)):
             while waiting:
                 if (device := self._devices.get(name := next(iter(waiting)))) is not None:
-                    self._guarded(device, do, device)
+                    self._devices.guard(device, do, device)
                 waiting.pop(name, None)
                 if time.monotonic() >= until:
                     return
@@ -258,8 +250,7 @@ class Service:
         over_s = self._overload.look(now)
         if over_s:
             self.counts.add(f"{OVERLOADED}, seconds")
-        for device in self._devices.values():
-            device.overloaded_s, device.unkept = over_s, bool(self._record.trouble)
+        self._troubles |= {OVERLOADED: over_s, UNKEPT: int(bool(self._record.trouble))}
         self._to_look |= dict.fromkeys(self._devices)
         self._cluster.look_round(now, self._devices.keys() | self._quotas.devices())
         self._care.tend(now, self._cluster.membership.highest)

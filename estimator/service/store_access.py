@@ -43,7 +43,7 @@ class StoreAccess:
     """Reads and writes of the ward's store for the service; no method raises StoreError.
 
     clerk: the store's thread. replicas: checkpoints from other estimators. tell(device): publishes its checkpoint.
-    guarded: runs one device's work and contains its failures.
+    guard(device, work): runs one device's work and contains its failures.
     """
 
     def __init__(
@@ -54,9 +54,9 @@ class StoreAccess:
         clerk: StoreWriter,
         replicas: Checkpoints,
         tell: Callable[[Device], None],
-        guarded: Callable[[Device, Callable[[], None]], object],
+        guard: Callable[[Device, Callable[[], None]], object],
     ) -> None:
-        self._replicas, self._tell, self._guarded = replicas, tell, guarded
+        self._replicas, self._tell, self._guard = replicas, tell, guard
         self._store, self._counts, self._now_ns, self._clerk = store, counts, now_ns, clerk
         #: calibrations not on disk yet, by id, in order of creation
         self._pending: dict[str, Calibration] = {}
@@ -172,7 +172,7 @@ class StoreAccess:
 
     def _let_go(self, device: Device, calibration: str) -> None:
         if device.let_go(calibration):
-            self._guarded(device, lambda: device.say_status(self._now_ns()))
+            self._guard(device, lambda: device.say_status(self._now_ns()))
 
     def _of_device(self, name: str) -> list[Calibration]:
         """Calibrations of a device that are not on disk yet, in order."""

@@ -115,7 +115,7 @@ def test_a_service_lists_strangers_and_takes_them_once_they_are_enrolled(tmp_pat
     assert service._devices.info("b1", "chest") is None
     key = keys.parse(keys.build("w", "rpc", device="chest", verb="cancel"))
     replies = list[CommandReply]()
-    service._orders.do(key, ASKED, replies.append)
+    service._commands.do(key, ASKED, replies.append)
     assert replies[0].message == (Code.NOT_ENROLLED(),)
     assert client.corrected(idle_s=0.05).receive(0.05) is None
     file.write_text("wrist\nb1/chest\n")
