@@ -10,8 +10,7 @@ from bridge.wire import keys
 from estimator.service import history
 from estimator.service.retention import ALL_NS, BOOTS, DAY_NS, HOUR_NS, HOURLY_NS, KEPT_BOOTS, POINTS
 from estimator.service.store import Store
-from estimator.service.store_care import THIN_S, StoreCare
-from estimator.service.store_writer import StoreWriter
+from estimator.service.store_care import THIN_S
 from estimator.tracking.bias_state import BiasState
 from tests.estimator.device.test_correction import CALIBRATION
 from tests.estimator.memory_ward import Ward
@@ -49,17 +48,6 @@ def test_old_points_are_kept_by_the_hour_and_older_ones_by_the_day(store: Store)
     assert set(step_ns[age_ns > HOURLY_NS + DAY_NS]) == {DAY_NS}
     store.thin(NAME, NOW_NS)
     assert len(history.read(store, NAME).biases[0].time_ns) == len(of.time_ns)
-
-
-def test_how_much_is_deleted_is_said_once_a_day(store: Store, caplog: pytest.LogCaptureFixture) -> None:
-    fill(store, 1, 400, NOW_NS - 8 * DAY_NS)
-    care = StoreCare(store, lambda: NOW_NS, StoreWriter(store.database, thread=False))
-    with caplog.at_level("INFO", "estimator.service.store_care"):
-        for second in range(10):
-            care.tend(float(second), 0)
-    (said,) = (one.message for one in caplog.records if "deleted" in one.message)
-    left = len(history.read(store, NAME).biases[0].time_ns)
-    assert said == f"old entries of the store were deleted: bias_history {400 - left}"
 
 
 def test_what_a_law_is_learnt_from_is_not_thinned_and_each_boots_end_stays(store: Store) -> None:
