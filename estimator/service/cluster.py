@@ -272,7 +272,7 @@ class Cluster:
         if alone:
             self.replicas.note(checkpoint)
         else:
-            device.say_checkpoint(codec.encode_checkpoint(checkpoint))
+            device.say("checkpoint", codec.encode_checkpoint(checkpoint))
 
     def _moved(self, came: int, why: Sentences) -> None:
         self._moves.came(came, why)

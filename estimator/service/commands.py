@@ -16,7 +16,7 @@ from bridge.bus.contract import Reply
 from bridge.reasons.catalogue import english
 from bridge.reasons.codes import Code, Sentence, Sentences
 from bridge.wire import codec, keys
-from bridge.wire.messages import Command, CommandReply, Placement
+from bridge.wire.messages import Command, CommandReply, Note, Placement
 from bridge.wire.refusal import Refusal
 from estimator.alerts.board import Change
 from estimator.service.device import Device
@@ -133,7 +133,8 @@ class Commands:
         if not self._devices.guard(device, lambda: refusals.append(_obey(device, verb, command))):
             return CommandReply(command.request_id, accepted=False, message=(Code.COMMAND_FAILED(),))
         if verb == "note" and refusals[0] is None:
-            self._devices.guard(device, lambda: device.say_note(self._now_ns(), command.who, command.reason))
+            note = Note(device.name, device.session.boot or 0, self._now_ns(), command.who, command.reason)
+            self._devices.guard(device, device.say, "note", codec.encode_note(note))
         if verb == "place" and refusals[0] is None:
             device.placement = replace(command.placement or Placement(), since_ns=self._now_ns(), who=command.who)
             self._record.place(device.name, device.placement)

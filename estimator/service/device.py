@@ -11,7 +11,7 @@ import numpy as np
 from bridge.bus.contract import Bus, Publisher
 from bridge.wire import codec, keys
 from bridge.wire.batches import CorrectedEncoder
-from bridge.wire.messages import Alert, BiasRevision, Checkpoint, Note, Placement, State, Status, WindowBatch
+from bridge.wire.messages import Alert, BiasRevision, Checkpoint, Placement, State, Status, WindowBatch
 from bridge.wire.orientation import encode_columns
 from estimator.alerts.board import Board, Change
 from estimator.config.alerts import DEFAULTS, Alerts
@@ -110,6 +110,11 @@ class Device:
         """Whether the device can be forgotten without loss: no calibration is known, of this boot or an earlier one."""
         return self.session.calibration is None and self.session.prior is None
 
+    def say(self, what: str, payload: bytes) -> None:
+        """Publish an encoded message of an announced device. what: its kind, as in CACHES."""
+        if self.announced:
+            self._publisher(what).put(payload)
+
     def say_corrected(self, cut: Cut, rates: Rates) -> None:
         """Publish corrected samples, or hold them while the device is not announced or their calibration not stored.
 
@@ -131,7 +136,7 @@ class Device:
         """Publish window summaries for viewers; does nothing if a number is outside the wire's limits."""
         fit = output.windows(batch)
         if fit is not None:
-            self._say("@windowed", codec.encode_windows(fit))
+            self.say("@windowed", codec.encode_windows(fit))
 
     def say_orientation(self, one: OrientedCut) -> None:
         """Publish the attitudes of corrected samples, if somebody subscribes to orientation."""
@@ -141,7 +146,7 @@ class Device:
         quat, cov_of_last = quat_wxyz.astype(np.float32).tobytes(), cov[-1].astype(np.float32).tobytes()
         packed = quat, output.linear_accel(accel), cov_of_last
         payload = encode_columns(self.name, self.epoch, cut.header, *packed, zero, cut.correction.quality)
-        self._say("orientation", payload)
+        self.say("orientation", payload)
 
     def look_round(self) -> None:
         """Once a second: switch window summaries and orientation on or off, by whether somebody subscribes to them."""
@@ -176,13 +181,13 @@ class Device:
         """
         if not self._unsaid:
             self.latest = self.status(time_ns)
-            self._say("status", codec.encode_status(self.latest))
+            self.say("status", codec.encode_status(self.latest))
             self._say_known()
 
     def say_calibration(self, calibration: str, payload: bytes) -> None:
         """Publish an encoded calibration. calibration: its id."""
         self._told = calibration
-        self._say("calibration", payload)
+        self.say("calibration", payload)
 
     def hold(self, calibration: str, payload: bytes) -> None:
         """Hold back corrected rates until a calibration is stored, since nobody could look it up before.
@@ -207,16 +212,12 @@ class Device:
         if self.announced and not self._unsaid:
             held, self._held = self._held, []
             for payload in held:
-                self._say("corrected", payload)
+                self.say("corrected", payload)
 
     def _say_unsaid(self) -> None:
         """Publish everything that waits for the disk."""
         for calibration in list(self._unsaid):
             self.let_go(calibration)
-
-    def say_checkpoint(self, payload: bytes) -> None:
-        """Publish an encoded checkpoint of this device for the other estimators."""
-        self._say("checkpoint", payload)
 
     def _say_known(self) -> None:
         """Publish the calibration in use if a former owner published it, so that new subscribers can look it up."""
@@ -228,12 +229,7 @@ class Device:
         """Publish a revision of the past bias; does nothing if too few of its points fit the wire's limits."""
         fit = output.revision(revision)
         if fit is not None:
-            self._say("revision", codec.encode_revision(fit))
-
-    def say_note(self, time_ns: int, who: str, text: str) -> None:
-        """Publish a person's note on the device. time_ns: host time, ns since the Unix epoch."""
-        note = Note(self.name, self.session.boot or 0, time_ns, who, text)
-        self._say("note", codec.encode_note(note))
+            self.say("revision", codec.encode_revision(fit))
 
     def status(self, time_ns: int) -> Status:
         """Make the complete status of the device, every number within the wire's limits.
@@ -308,11 +304,6 @@ class Device:
         for publisher in self._publishers.values():
             publisher.close()
         self._publishers = {}
-
-    def _say(self, what: str, payload: bytes) -> None:
-        """Publish a message of an announced device."""
-        if self.announced:
-            self._publisher(what).put(payload)
 
     def _is_wanted(self, what: str) -> bool:
         return self.announced and self._publisher(what).wanted
