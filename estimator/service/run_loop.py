@@ -106,7 +106,7 @@ class Service:
         standing = self._record.standing(settings.id)
         routers = vitals.routers if vitals else Routers(())
         self._own_alerts = OwnAlerts(
-            settings.id, alerts, store.database, routers, self._alerted, standing, now, copies_fail
+            settings.id, alerts, store.database, routers, self._alerted, standing, now, self._clerk.look_up, copies_fail
         )
         parts = Parts(ward, settings, bus, now_ns, self.counts, self._devices, self._cluster, self._record, {})
         self._troubles = parts.troubles
@@ -254,8 +254,6 @@ class Service:
         self._to_look |= dict.fromkeys(self._devices)
         self._cluster.look_round(now, self._devices.keys() | self._quotas.devices())
         self._care.tend(now, self._cluster.membership.highest)
-        if self._own_alerts.due(now):
-            self._clerk.look_up(self._own_alerts.look_at_machine)
         self._own_alerts.look(now, self._now_ns())
         self._cluster.alerts = self._own_alerts.board.standing
         counts = self._count_all()
