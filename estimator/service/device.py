@@ -11,7 +11,7 @@ import numpy as np
 from bridge.bus.contract import Bus, Publisher
 from bridge.wire import codec, keys
 from bridge.wire.batches import CorrectedEncoder
-from bridge.wire.messages import Alert, BiasRevision, Checkpoint, Placement, State, Status, WindowBatch
+from bridge.wire.messages import Alert, BiasRevision, Checkpoint, Placement, State, Status
 from bridge.wire.orientation import encode_columns
 from estimator.alerts.board import Board, Change
 from estimator.config.alerts import DEFAULTS, Alerts
@@ -131,12 +131,6 @@ class Device:
         self._say_held()
         if self._delay_s is None:
             self._delay_s = (time.time_ns() - self.session.last_heard_ns) / 1e9
-
-    def say_windows(self, batch: WindowBatch) -> None:
-        """Publish window summaries for viewers; does nothing if a number is outside the wire's limits."""
-        fit = output.windows(batch)
-        if fit is not None:
-            self.say("@windowed", codec.encode_windows(fit))
 
     def say_orientation(self, one: OrientedCut) -> None:
         """Publish the attitudes of corrected samples, if somebody subscribes to orientation."""

@@ -4,6 +4,7 @@ import logging
 import time
 
 from bridge.bus.contract import BusError
+from bridge.wire import codec
 from estimator.device.outcome import Outcome
 from estimator.device.window_summary import Second, windows
 from estimator.service.device import Device
@@ -61,7 +62,7 @@ class Outcomes:
             return
         try:
             for (device, _), batch in zip(due, windows([block for _, block in due]), strict=True):
-                device.say_windows(batch)
+                device.say("@windowed", codec.encode_windows(batch))
         except BusError:
             raise  # a lost bus concerns all devices
         except Exception:  # any failure is contained: viewers must not stop the correction

@@ -87,17 +87,6 @@ def test_nothing_of_before_is_of_a_boot_whose_number_came_again(store: Store, la
     assert remembered.bias is None
 
 
-@pytest.mark.parametrize("change", ["model", "firmware", "gyro_range", "rate_hz"])
-def test_a_prior_needs_the_whole_restore_key(store: Store, change: str) -> None:
-    store.add_calibration(GOOD)
-    this = replace(info(boot=2), has_clock=False)
-    assert same(store.prior(this), GOOD)
-    other = {"model": "n", "firmware": "1.1", "gyro_range": 4.3, "rate_hz": 208.0}[change]
-    assert store.prior(replace(this, **{change: other})) is None  # type: ignore[arg-type]
-    assert store.prior(replace(this, device="other")) is None
-    assert store.prior(replace(this, boot=1)) is None, "this boot's own calibration is no prior"
-
-
 def test_a_device_with_a_clock_may_have_been_calibrated_at_another_rate(store: Store) -> None:
     store.add_calibration(GOOD)
     assert same(store.prior(replace(info(boot=2), rate_hz=26.0)), GOOD)
