@@ -3,6 +3,7 @@
 Repairs after an outage as publishers with a cache on zenoh do.
 """
 
+import logging
 import threading
 import time
 from collections import deque
@@ -11,9 +12,10 @@ from queue import Empty, SimpleQueue
 from typing import Any, Self
 
 from bridge.bus.contract import BusError, Message, Reply
-from bridge.bus.handlers import Guarded, HandlerError
 from bridge.bus.key_expressions import check_key, check_pattern, check_patterns, matches
-from bridge.bus.message_queue import MessageQueue, newest_last
+from bridge.bus.message_queue import MessageQueue
+
+_log = logging.getLogger(__name__)
 
 
 class MemoryBroker:
@@ -201,8 +203,9 @@ class _Subscription(_Declared, MessageQueue):
 
     def begin(self, most_past: int | None) -> None:
         with self.lock:
-            pasts = [past for publisher in self.bus.broker.publishers if (past := self._news(publisher))]
-            self.put(newest_last([past[-most_past:] if most_past else past for past in pasts]), past=True)
+            for publisher in self.bus.broker.publishers:
+                past = self._news(publisher)
+                self.put(past[-most_past:] if most_past else past, past=True)
 
     def offer(self, publisher: _Publisher, sequence: int, message: Message) -> None:
         if self.hears(publisher):
@@ -235,14 +238,15 @@ class _Subscription(_Declared, MessageQueue):
 
 class _Answerer(_Declared):
     def __init__(self, bus: MemoryBus, pattern: str, handler: Callable[[str, bytes, Reply], None]) -> None:
-        self.pattern, self._handler = pattern, Guarded(handler, f"queries on {pattern}")
+        self.pattern, self._handler = pattern, handler
         super().__init__(bus, bus.broker.answerers)
 
     def tell(self, key: str, payload: bytes, done: Callable[[tuple[bytes, str]], None]) -> None:
         try:
             self._handler(key, payload, lambda reply: done((reply, "an empty answer")))
-        except HandlerError as error:
-            done((b"", str(error)))
+        except Exception as error:  # noqa: BLE001 - as on zenoh
+            _log.exception("the handler of queries on %s failed", key)
+            done((b"", f"{type(error).__name__}: {error}"))
 
 
 class _Token(_Declared):
@@ -257,7 +261,7 @@ class _Token(_Declared):
 class _Watcher(_Declared):
     def __init__(self, bus: MemoryBus, pattern: str, on_change: Callable[[str, bool], None]) -> None:
         self._pattern, self._alive, self._changes = pattern, set[str](), SimpleQueue[tuple[str, bool] | None]()
-        self._on_change = Guarded(on_change, f"liveliness of {pattern}")
+        self._on_change = on_change
         super().__init__(bus, bus.broker.watchers)
         threading.Thread(target=self._run, name=f"watch {pattern}", daemon=True).start()
 
@@ -278,5 +282,5 @@ class _Watcher(_Declared):
         while change := self._changes.get():
             try:
                 self._on_change(*change)
-            except HandlerError:
-                continue  # already logged; the next change may well be handled
+            except Exception:  # noqa: BLE001 - as on zenoh
+                _log.exception("the handler of the liveliness of %s failed", self._pattern)

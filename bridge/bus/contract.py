@@ -3,20 +3,19 @@
 `zenoh_bus` implements the contract, and so does the in-memory bus of the tests. One test suite checks both.
 
 Threads: every method may be called from any thread. A handler given to `answer` or `watch_alive` runs on a thread of
-the bus. The handler must be quick and must not raise; an exception is logged and counted. No method blocks longer than
+the bus. The handler must be quick and must not raise; an exception is logged. No method blocks longer than
 its timeout.
 """
 
 from collections.abc import Callable, Sequence
-from typing import NamedTuple, Protocol, Self
+from typing import Protocol, Self
 
+from bridge.bus.message_queue import Message, MessageQueue
 
-class Message(NamedTuple):
-    """One message received from the bus: key and payload bytes, neither parsed nor validated."""
+__all__ = ["Bus", "BusError", "Declared", "Message", "Publisher", "Reply", "Subscription"]
 
-    key: str
-    payload: bytes
-
+#: queue of received messages: in the order of each publisher, each message exactly once
+Subscription = MessageQueue
 
 #: sends the answer to a query, at any time and from any thread; an empty answer leaves the query to another program
 Reply = Callable[[bytes], None]
@@ -41,42 +40,6 @@ class Publisher(Protocol):
 
     def close(self) -> None:
         """End the publisher: it sends no more and its cache is no longer answered for; a second close does nothing."""
-
-
-class Subscription(Protocol):
-    """Bounded queue of received messages: in the order of each publisher, each message exactly once."""
-
-    def receive(self, timeout_s: float) -> Message | None:
-        """Return the next message, or None if none comes within timeout_s or once the subscription is closed."""
-
-    def drain(self, limit: int, timeout_s: float) -> list[Message]:
-        """Wait up to timeout_s for a first message, then return up to `limit` messages at once; [] if none came."""
-
-    def wake(self) -> None:
-        """End the current wait in `drain` or `receive`, or else the next one, to free the reading thread for other work."""
-
-    @property
-    def missed(self) -> int:
-        """Number of lost messages: reported by the bus, or dropped because this queue was full."""
-
-    @property
-    def missed_by_key(self) -> dict[str, int]:
-        """Number of lost messages by key, for a bounded number of keys; "" counts messages of other or unknown keys."""
-
-    @property
-    def overflowed(self) -> int:
-        """Number of messages dropped because this queue was full, that is, because its reader is too slow."""
-
-    @property
-    def caught_up(self) -> bool:
-        """Whether the history from publishers' caches has arrived, or its query has timed out; live messages follow."""
-
-    @property
-    def closed(self) -> bool:
-        """Whether the subscription or its bus is closed. No message follows, so a reading loop must end."""
-
-    def close(self) -> None:
-        """Stop receiving; a second close does nothing."""
 
 
 class Declared(Protocol):

@@ -3,7 +3,6 @@
 The thread answers queries to the session's own caches, and fetches missed messages from other publishers' caches.
 """
 
-import contextlib
 import logging
 import os
 import threading
@@ -16,9 +15,8 @@ from typing import Any, TypeVar
 import zenoh
 from zenoh import handlers
 
-from bridge.bus.handlers import HandlerError
 from bridge.bus.publisher_cache import HISTORY, PARAMETERS, SESSION_BYTES, Cache, Caches, Source
-from bridge.bus.zenoh_session import CHANNEL, Channel, said
+from bridge.bus.zenoh_session import CHANNEL, said
 from bridge.bus.zenoh_subscription import Found, Subscription, by_source
 
 _T = TypeVar("_T")
@@ -41,7 +39,7 @@ _AT_ONCE = 1024
 
 @dataclass(slots=True, eq=False)
 class _Question:
-    replies: Channel[zenoh.Reply]
+    replies: handlers.Handler[zenoh.Reply]
     then: Callable[[Found], None]
     over_s: float
     found: list[zenoh.Sample] = field(default_factory=list)
@@ -67,9 +65,9 @@ class GapRepair:
         self._session, self._subscriptions = session, subscriptions
         self._name, self._numbers, self._lock = os.urandom(SESSION_BYTES), count(), threading.Lock()
         self._caches, self._cached = Caches(), 0
-        self._asked: dict[str, Channel[zenoh.Query]] = {}
+        self._asked: dict[str, handlers.Handler[zenoh.Query]] = {}
         self._queryables = list[object]()  # zenoh undeclares an object without a reference
-        self._watched = list[tuple[Channel[Any], Callable[[Any], None]]]()
+        self._watched = list[tuple[handlers.Handler[Any], Callable[[Any], None]]]()
         self._questions = list[_Question]()
         self._last_s = 0.0
         self._routers: set[str] = set()
@@ -94,8 +92,11 @@ class GapRepair:
             self._cached -= cache.size
             self._caches.discard(cache)
 
-    def watch(self, channel: Channel[_T], handle: Callable[[_T], None]) -> None:
-        """Call handle(item) for each token or query in the channel, on the worker thread, until the channel closes."""
+    def watch(self, channel: handlers.Handler[_T], handle: Callable[[_T], None]) -> None:
+        """Call handle(item) for each token or query in the channel, on the worker thread, until the channel closes.
+
+        handle must not raise.
+        """
         self._watched = [*self._watched, (channel, handle)]
 
     def begin(self, subscription: Subscription, most: int | None) -> None:
@@ -181,8 +182,7 @@ class GapRepair:
                 for _ in range(_AT_ONCE):
                     if (one := channel.try_recv()) is None:
                         break
-                    with contextlib.suppress(HandlerError):  # already logged; continue with the next one
-                        handle(one)
+                    handle(one)
             except zenoh.ZError:
                 self._watched = [one for one in self._watched if one is not watched]
 

@@ -2,11 +2,17 @@
 
 import threading
 from collections import Counter, deque
-from collections.abc import Iterable, Sequence
-
-from bridge.bus.contract import Message
+from collections.abc import Iterable
+from typing import NamedTuple
 
 MOST_KEYS = 1024
+
+
+class Message(NamedTuple):
+    """One message received from the bus: key and payload bytes, neither parsed nor validated."""
+
+    key: str
+    payload: bytes
 
 
 class MessageQueue:
@@ -25,7 +31,7 @@ class MessageQueue:
         self._ready = threading.Condition()
         self._missed: Counter[str] = Counter()
         self._overflowed = 0
-        self._over = self._woken = False
+        self._over = False
 
     def put(self, messages: Iterable[Message], *, past: bool = False) -> None:
         """Append messages, live ones or (past=True) history from caches; never waits. A closed queue discards them."""
@@ -48,7 +54,7 @@ class MessageQueue:
 
     @property
     def missed(self) -> int:
-        """Number of messages known to be lost, over all keys."""
+        """Number of messages known to be lost, over all keys: as the bus reports, or because this queue was full."""
         return self._missed.total()
 
     @property
@@ -59,13 +65,18 @@ class MessageQueue:
 
     @property
     def overflowed(self) -> int:
-        """Number of messages dropped because this queue was full."""
+        """Number of messages dropped because this queue was full, that is, because its reader is too slow."""
         return self._overflowed
 
     @property
     def closed(self) -> bool:
-        """Whether the queue is closed: it discards new messages, and readers get none."""
+        """Whether the queue is closed: it discards new messages, and readers get none, so a reading loop must end."""
         return self._over
+
+    @property
+    def caught_up(self) -> bool:
+        """Whether the history from publishers' caches has arrived, or its query has timed out; live messages follow."""
+        return True
 
     def receive(self, timeout_s: float) -> Message | None:
         """Return the next message, or None if none comes within timeout_s seconds or once the queue is closed."""
@@ -76,17 +87,10 @@ class MessageQueue:
         """Wait up to timeout_s for a first message, then return up to `limit` messages at once; [] if none came."""
         with self._ready:
             if timeout_s > 0.0:
-                self._ready.wait_for(lambda: self._messages or self._over or self._woken, timeout_s)
-            self._woken = False
+                self._ready.wait_for(lambda: self._messages or self._over, timeout_s)
             taken = min(limit, len(self._messages))
             self._past = max(0, self._past - taken)
             return [self._messages.popleft() for _ in range(taken)]
-
-    def wake(self) -> None:
-        """End the current wait of a reader, or else the next one, without a message."""
-        with self._ready:
-            self._woken = True
-            self._ready.notify_all()
 
     def _count(self, key: str, n: int) -> None:
         self._missed[key if key in self._missed or len(self._missed) < MOST_KEYS else ""] += n
@@ -97,12 +101,3 @@ class MessageQueue:
             self._over = True
             self._messages.clear()
             self._ready.notify_all()
-
-
-def newest_last(pasts: Iterable[Sequence[Message]]) -> list[Message]:
-    """Merge lists of messages, each list of one key: each key keeps its order, and the newest of all keys come last."""
-    by_key: dict[str, list[Message]] = {}
-    for past in pasts:
-        by_key.setdefault(past[0].key, []).extend(past)
-    aged = [(len(of) - n, message) for of in by_key.values() for n, message in enumerate(of)]
-    return [message for _, message in sorted(aged, key=lambda one: -one[0])]

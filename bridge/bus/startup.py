@@ -50,7 +50,7 @@ def claim_id(
     kind: str,
     own: str,
     another: Callable[[str], object] = lambda _: None,
-    meanwhile: Callable[[], None] = lambda: None,
+    meanwhile: Callable[[], object] = lambda: None,
 ) -> Declared:
     """Claim an id in a ward, unless another program of the same kind (`bridge` or `estimator`) is alive with it.
 

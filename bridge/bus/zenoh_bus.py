@@ -13,7 +13,6 @@ from zenoh import handlers
 from bridge.bus import zenoh_settings
 from bridge.bus.contract import BusError, Reply
 from bridge.bus.gap_repair import GapRepair
-from bridge.bus.handlers import Guarded, HandlerError
 from bridge.bus.key_expressions import check_key, check_pattern, check_patterns
 from bridge.bus.publisher_cache import HISTORY
 from bridge.bus.reachability import why_unreachable
@@ -105,11 +104,10 @@ class ZenohBus:
 
     def answer(self, pattern: str, handler: Callable[[str, bytes, Reply], None]) -> "Declared":
         """Answer queries on matching keys by handler(key, payload, reply), on a thread of the bus. See contract.Bus."""
-        guarded = Guarded(handler, f"queries on {pattern}")
         with self._doing(f"answer {check_pattern(pattern)}"):
             # Ring: with more pending queries than this, the oldest ends without an answer.
             queryable = self._session.declare_queryable(pattern, handlers.RingChannel(256), complete=True)
-        self._repair.watch(queryable.handler, lambda query: _answer(query, guarded))
+        self._repair.watch(queryable.handler, lambda query: _answer(query, handler))
         return Declared(self, queryable)
 
     def ask(self, key: str, payload: bytes, timeout_s: float = 2.0) -> bytes:
@@ -149,7 +147,6 @@ class ZenohBus:
         load, timed to hit). The token then stays until the session reconnects. A token is a hint; arriving data is the
         proof.
         """
-        guarded = Guarded(on_change, f"liveliness of {pattern}")
         with self._doing(f"watch {check_pattern(pattern)}"):
             watcher = self._session.liveliness().declare_subscriber(
                 pattern, handlers.FifoChannel(CHANNEL), history=True
@@ -160,7 +157,12 @@ class ZenohBus:
             key, now = str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT
             if now != (key in alive):
                 alive.symmetric_difference_update((key,))
-                guarded(key, now)
+                try:
+                    on_change(key, now)
+                except Exception:  # noqa: BLE001 - a handler must not stop the bus
+                    _log.exception(
+                        "the handler of the liveliness of %s failed; the next change is handed to it", pattern
+                    )
 
         self._repair.watch(watcher.handler, tell)
         return Declared(self, watcher)
@@ -241,7 +243,7 @@ def _why(routers: Routers) -> str:
     return f": {'; '.join(said)}"
 
 
-def _answer(query: zenoh.Query, handler: Guarded[[str, bytes, Reply], None]) -> None:
+def _answer(query: zenoh.Query, handler: Callable[[str, bytes, Reply], None]) -> None:
     """Pass one query to its handler. Leaving the query's `with` block ends the reply."""
     key = str(query.key_expr)
 
@@ -255,6 +257,8 @@ def _answer(query: zenoh.Query, handler: Guarded[[str, bytes, Reply], None]) -> 
     try:
         check_key(key)
         handler(key, query.payload.to_bytes() if query.payload is not None else b"", reply)
-    except (BusError, HandlerError) as error:
+    except Exception as error:  # noqa: BLE001 - a handler must not stop the bus
+        if not isinstance(error, BusError):
+            _log.exception("the handler of queries on %s failed", key)
         with query, contextlib.suppress(zenoh.ZError):
-            query.reply_err(str(error).encode())
+            query.reply_err(f"{type(error).__name__}: {error}"[:500].encode())

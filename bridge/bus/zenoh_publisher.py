@@ -1,16 +1,21 @@
 """Implementation of contract.Publisher on zenoh; a publisher with a cache numbers its messages for gap detection."""
 
+from typing import TYPE_CHECKING
+
 import zenoh
 
 from bridge.bus.contract import BusError
 from bridge.bus.publisher_cache import Cache
-from bridge.bus.zenoh_session import Declared, Home, is_zenohs, said
+from bridge.bus.zenoh_session import Declared, is_zenohs, said
+
+if TYPE_CHECKING:
+    from bridge.bus.zenoh_bus import ZenohBus
 
 
 class Publisher(Declared):
     """Sends messages on one key over zenoh (contract.Publisher); with a cache, messages are numbered and kept."""
 
-    def __init__(self, bus: Home, publisher: zenoh.Publisher, key: str, cache: Cache | None) -> None:
+    def __init__(self, bus: "ZenohBus", publisher: zenoh.Publisher, key: str, cache: Cache | None) -> None:
         super().__init__(bus, publisher)
         self._publisher, self._key, self.cache = publisher, key, cache
 

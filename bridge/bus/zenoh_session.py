@@ -11,18 +11,21 @@ import re
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Generic, Protocol, TypeVar
+from typing import TYPE_CHECKING, Generic, Protocol, TypeVar
 
 import zenoh
+from zenoh import handlers
 
 from bridge.bus import zenoh_settings
 from bridge.bus.contract import BusError
 from bridge.runtime import os_errors
 from bridge.toml.loader import nearest
 
-_T_co = TypeVar("_T_co", covariant=True)
+if TYPE_CHECKING:
+    from bridge.bus.zenoh_bus import ZenohBus
+
 _T = TypeVar("_T")
 _log = logging.getLogger(__name__)
 
@@ -96,20 +99,10 @@ def close_session(session: zenoh.Session) -> None:
         session.close()  # type: ignore[no-untyped-call]
 
 
-class Channel(Protocol[_T_co]):
-    """zenoh's receive channel; both methods raise ZError once the channel is closed."""
-
-    def recv(self) -> _T_co:
-        """Wait for the next item and return it."""
-
-    def try_recv(self) -> _T_co | None:
-        """Return the next item, or None if there is none yet; does not wait."""
-
-
 class Joined(Generic[_T]):
     """Several zenoh channels read as one, in rotation; raises ZError once one of them is closed."""
 
-    def __init__(self, channels: Sequence[Channel[_T]]) -> None:
+    def __init__(self, channels: Sequence[handlers.Handler[_T]]) -> None:
         self._channels = deque(channels)
 
     def try_recv(self) -> _T | None:
@@ -137,22 +130,10 @@ class Undeclared(Protocol):
         """Remove the declaration from zenoh; it receives and sends no more."""
 
 
-class Home(Protocol):
-    """The bus session as its declarations see it: it holds them, runs their threads and releases them."""
-
-    declared: set["Declared"]
-
-    def run(self, work: Callable[[], None], name: str) -> None:
-        """Run work() in a named thread that closing the bus waits for; work must end when its channel closes."""
-
-    def forget(self, declared: "Declared") -> None:
-        """Drop the reference to a closed declaration."""
-
-
 class Declared:
     """A declaration in a bus session (contract.Declared): one or several zenoh handles, closed together."""
 
-    def __init__(self, bus: Home, *declared: Undeclared) -> None:
+    def __init__(self, bus: "ZenohBus", *declared: Undeclared) -> None:
         self._bus, self._declared = bus, declared
         self._lock = threading.Lock()
         self._closed = False

@@ -4,15 +4,20 @@ import logging
 import threading
 import time
 from collections.abc import Callable, Iterable, Sequence
+from functools import partial
+from typing import TYPE_CHECKING
 
 import zenoh
 from zenoh import handlers
 
 from bridge.bus.contract import Message
 from bridge.bus.gap_detection import Gap, GapDetector
-from bridge.bus.message_queue import MessageQueue, newest_last
+from bridge.bus.message_queue import MessageQueue
 from bridge.bus.publisher_cache import IDENTITY_BYTES, STAMP_BYTES, Source
-from bridge.bus.zenoh_session import Declared, Home, Joined
+from bridge.bus.zenoh_session import Declared, Joined
+
+if TYPE_CHECKING:
+    from bridge.bus.zenoh_bus import ZenohBus
 
 _log = logging.getLogger(__name__)
 
@@ -33,7 +38,7 @@ class Subscription(MessageQueue, Declared):
 
     def __init__(
         self,
-        bus: Home,
+        bus: "ZenohBus",
         subscribers: Sequence[zenoh.Subscriber[handlers.Handler[zenoh.Sample]]],
         patterns: Sequence[str],
         capacity: int,
@@ -60,8 +65,8 @@ class Subscription(MessageQueue, Declared):
 
     def begin(self, past: Found) -> None:
         """Deliver the history (messages by publisher and number) to the queue; live messages follow."""
-        now_s = time.monotonic()
-        self._hand_on(lambda: newest_last(filter(None, (self._sequences.history(*one, now_s) for one in past.items()))))
+        for source, found in past.items():
+            self._hand_on(partial(self._sequences.history, source, found, time.monotonic()))
         self._begun.set()
 
     def due(self) -> list[Gap]:

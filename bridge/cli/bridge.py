@@ -164,7 +164,7 @@ def _serve(ward: str, bridge: Bridge, connect: Routers, file: WardFile[Root] | N
                 ward,
                 ", ".join(connect),
             )
-            watched = RouterWatch(_log, _LOOK_S, connect)
+            watched = RouterWatch(_log, connect)
             while not stop.wait(_LOOK_S) and not running.over:
                 watched.look(time.monotonic(), connected=bus.connected)
                 if file and (new := file.look(time.monotonic())) and new.bridge:

@@ -29,7 +29,7 @@ TOLD = ("noise_std", "bias_std", "scale_std", "cross_std", "bias", "flicker_std"
 #: packed (3,) zeros, for a message without the column
 _NOT_SAID = bytes(12)
 _KNOWN_FLAGS = sum(SampleFlag)
-_FLOAT, _UINT64, _UINT32 = np.dtype("<f4"), np.dtype("<u8"), np.dtype("<u4")
+FLOAT, UINT64, UINT32 = np.dtype("<f4"), np.dtype("<u8"), np.dtype("<u4")
 
 Float32s = NDArray[np.float32]
 
@@ -45,10 +45,10 @@ def encode_samples(batch: SampleBatch) -> bytes:
         start_time_ns=batch.start_time_ns,
         tick_period_s=batch.tick_period_s,
         clock_rate=batch.clock_rate,
-        ticks=column_of(batch.ticks, _UINT64),
-        gyro=column_of(batch.gyro, _FLOAT),
-        accel=b"" if batch.accel is None else column_of(batch.accel, _FLOAT),
-        temperature_c=b"" if batch.temperature_c is None else column_of(batch.temperature_c, _FLOAT),
+        ticks=column_of(batch.ticks, UINT64),
+        gyro=column_of(batch.gyro, FLOAT),
+        accel=b"" if batch.accel is None else column_of(batch.accel, FLOAT),
+        temperature_c=b"" if batch.temperature_c is None else column_of(batch.temperature_c, FLOAT),
         flags=packed_flags(batch.flags),
     ).SerializeToString()
 
@@ -81,7 +81,7 @@ def encode_corrected(batch: CorrectedBatch) -> bytes:
     encoder = CorrectedEncoder(batch.device, batch.epoch)
     encoder.corrected_by(batch.quality, batch.calibration, {name: getattr(batch, name) for name in TOLD})
     clock = batch.start_time_ns, batch.tick_period_s, batch.clock_rate
-    ticks, rate = column_of(batch.ticks, _UINT64), column_of(batch.rate, _FLOAT)
+    ticks, rate = column_of(batch.ticks, UINT64), column_of(batch.rate, FLOAT)
     return encoder.encode(batch.boot, batch.sequence, *clock, ticks, rate, packed_flags(batch.flags))
 
 
@@ -103,7 +103,7 @@ class CorrectedEncoder:
         message.quality = int(quality)
         message.calibration = clean(calibration, validation.MAX_NAME)
         for name in TOLD:
-            setattr(message, name, column_of(told[name], _FLOAT))
+            setattr(message, name, column_of(told[name], FLOAT))
 
     def encode(
         self,
@@ -184,7 +184,7 @@ def column_of(column: NDArray[np.generic], dtype: np.dtype[Any]) -> bytes:
 
 def packed_flags(flags: NDArray[np.uint32]) -> bytes:
     """Pack sample flags (n,) as bytes, 4 per sample; empty if all flags are 0."""
-    packed = column_of(flags, _UINT32)
+    packed = column_of(flags, UINT32)
     return packed if packed.strip(b"\0") else b""
 
 
@@ -198,7 +198,7 @@ def ticks_of(column: bytes) -> NDArray[np.uint64]:
         raise Refusal(
             Reason.LENGTH, f"ticks has {len(column)} bytes; 8 per sample and 1 to {MAX_SAMPLES} samples are expected"
         )
-    ticks = np.frombuffer(column, _UINT64)
+    ticks = np.frombuffer(column, UINT64)
     if not np.logical_and.reduce(ticks[1:] > ticks[:-1]) or int(ticks[-1]) >= 2**63:
         raise Refusal(Reason.RANGE, "ticks do not increase from each sample to the next, below 2**63")
     return ticks
@@ -225,11 +225,11 @@ def floats_of(column: bytes, name: str, n: int, limit: float) -> Float32s:
     """
     if len(column) != 4 * n:
         raise Refusal(Reason.LENGTH, f"{name} has {len(column)} bytes; {4 * n} are expected")
-    values = np.frombuffer(column, _FLOAT)
+    values = np.frombuffer(column, FLOAT)
     if np.vdot(values, values) <= limit * limit:  # usual case, at half the cost: the norm bounds every value
         return values
     # Without the sign bit, floats sort like their bits, with infinity and NaN last: one comparison covers all.
-    worst = int(np.maximum.reduce(values.view(_UINT32) & 0x7FFFFFFF))
+    worst = int(np.maximum.reduce(values.view(UINT32) & 0x7FFFFFFF))
     if worst > np.float32(limit).view(np.uint32):
         if worst >= 0x7F800000:
             raise Refusal(Reason.NON_FINITE, f"{name} has a value that is not a number")
@@ -262,7 +262,7 @@ def flags_of(column: bytes, n: int) -> NDArray[np.uint32]:
         return np.zeros(n, np.uint32)
     if len(column) != 4 * n:
         raise Refusal(Reason.LENGTH, f"flags has {len(column)} bytes; {4 * n} are expected")
-    flags = np.frombuffer(column, _UINT32)
+    flags = np.frombuffer(column, UINT32)
     if (flags & ~np.uint32(_KNOWN_FLAGS)).any():
         raise Refusal(Reason.RANGE, "flags has a bit that version 1 does not know")
     return flags

@@ -2,14 +2,13 @@
 
 from bridge.wire import keys, validation
 from bridge.wire import truerate_pb2 as pb
-from bridge.wire.alerts import alert_messages, alerts_in
 from bridge.wire.batches import MAX_SEQUENCE
 from bridge.wire.control_messages import calibration_in, calibration_message
 from bridge.wire.envelope import opened
+from bridge.wire.message_parts import alert_messages, alerts_in, decoded, encoded
 from bridge.wire.messages import VERSION, Calibration, Checkpoint, CommandReply, Holding, Move, Owned, Verdict
 from bridge.wire.placement import placement_in, placement_message
 from bridge.wire.refusal import Reason, Refusal
-from bridge.wire.sentences import decoded, encoded
 from bridge.wire.validation import MAX_EPOCH
 
 MAX_HOLDINGS, MAX_MOVES, MAX_PARTS, MAX_ANSWERS = 512, 8, 64, 8

@@ -4,10 +4,19 @@ from collections.abc import Sequence
 
 from bridge.wire import keys, validation
 from bridge.wire import truerate_pb2 as pb
-from bridge.wire.accelerometers import accelerometer_in, accelerometer_message
-from bridge.wire.alerts import alert_messages, alerts_in
 from bridge.wire.batches import MAX_CELSIUS, MAX_RATE
 from bridge.wire.envelope import opened, parse_key, read, same_id
+from bridge.wire.message_parts import (
+    MAX_NIS,
+    accelerometer_in,
+    accelerometer_message,
+    alert_messages,
+    alerts_in,
+    decoded,
+    encoded,
+    receipt_messages,
+    receipts_in,
+)
 from bridge.wire.messages import (
     VERSION,
     BootCause,
@@ -24,9 +33,7 @@ from bridge.wire.messages import (
     Verdict,
 )
 from bridge.wire.placement import placement_in, placement_message
-from bridge.wire.receipts import MAX_NIS, receipt_messages, receipts_in
 from bridge.wire.refusal import Reason, Refusal
-from bridge.wire.sentences import decoded, encoded
 from bridge.wire.validation import MAX_PORT, MAX_SENTENCE, clean
 
 _MAX_STD = 1e6

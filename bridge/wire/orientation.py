@@ -4,7 +4,7 @@ import numpy as np
 
 from bridge.wire import columns_pb2 as columns
 from bridge.wire import validation
-from bridge.wire.batches import MAX_ACCEL, MAX_SEQUENCE, column_of, floats_of, ticks_of, times_of
+from bridge.wire.batches import FLOAT, MAX_ACCEL, MAX_SEQUENCE, UINT64, column_of, floats_of, ticks_of, times_of
 from bridge.wire.envelope import opened
 from bridge.wire.messages import VERSION, OrientationBatch, Quality
 from bridge.wire.refusal import Reason, Refusal
@@ -14,7 +14,6 @@ from bridge.wire.validation import clean
 MAX_COVARIANCE = 10.0
 #: largest difference of a quaternion's length from 1
 _LENGTH = 1e-3
-_FLOAT, _UINT64 = np.dtype("<f4"), np.dtype("<u8")
 _ROWS, _COLUMNS = np.triu_indices(3)
 
 
@@ -24,10 +23,10 @@ def encode_orientation(batch: OrientationBatch) -> bytes:
     return encode_columns(
         batch.device,
         batch.epoch,
-        (batch.boot, batch.sequence, *clock, column_of(batch.ticks, _UINT64)),
-        column_of(batch.quat_wxyz, _FLOAT),
-        b"" if batch.linear_accel is None else column_of(batch.linear_accel, _FLOAT),
-        column_of(batch.covariance[_ROWS, _COLUMNS], _FLOAT),
+        (batch.boot, batch.sequence, *clock, column_of(batch.ticks, UINT64)),
+        column_of(batch.quat_wxyz, FLOAT),
+        b"" if batch.linear_accel is None else column_of(batch.linear_accel, FLOAT),
+        column_of(batch.covariance[_ROWS, _COLUMNS], FLOAT),
         (batch.zero_sequence, batch.zero),
         batch.quality,
     )

@@ -6,9 +6,9 @@ from bridge.wire import truerate_pb2 as pb
 from bridge.wire import validation
 from bridge.wire.batches import MAX_RATE, MAX_SEQUENCE, MAX_STD
 from bridge.wire.envelope import opened
+from bridge.wire.message_parts import decoded, encoded
 from bridge.wire.messages import VERSION, BiasRevision
 from bridge.wire.refusal import Reason, Refusal
-from bridge.wire.sentences import decoded, encoded
 from bridge.wire.validation import MAX_TIME_NS, clean
 
 MIN_POINTS, MAX_POINTS = 2, 1536  # the most that fit into MAX_PAYLOAD with every text

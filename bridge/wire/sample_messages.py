@@ -56,8 +56,32 @@ class Quality(IntEnum):
     DEGRADED = 4
 
 
+class Timed:
+    """Times of the samples of a batch, by its ticks and clock."""
+
+    __slots__ = ()
+    start_time_ns: int
+    tick_period_s: float
+    clock_rate: float
+    ticks: NDArray[np.uint64]
+
+    def __len__(self) -> int:
+        return len(self.ticks)
+
+    @property
+    def device_time(self) -> Floats:
+        """Device time (n,) of each sample in s, by the device's own clock and zero."""
+        return np.asarray(self.ticks * self.tick_period_s, dtype=np.float64)
+
+    @property
+    def sample_time_ns(self) -> NDArray[np.int64]:
+        """Host time (n,) int64 at which each sample was taken, ns since the Unix epoch."""
+        since_first = (self.ticks - self.ticks[0]) * (self.tick_period_s * self.clock_rate * 1e9)
+        return np.asarray(np.rint(since_first).astype(np.int64) + self.start_time_ns, dtype=np.int64)
+
+
 @frequent(eq=False)
-class SampleBatch:
+class SampleBatch(Timed):
     """Raw samples: n consecutive samples of one boot, without a gap.
 
     ticks (n,) uint64, device time in ticks of tick_period_s; gyro (n, 3) float32 rad/s; accel (n, 3) float32 m/s² or
@@ -81,19 +105,6 @@ class SampleBatch:
     flags: NDArray[np.uint32]
     bridge: str = ""
 
-    def __len__(self) -> int:
-        return len(self.ticks)
-
-    @property
-    def device_time(self) -> Floats:
-        """Device time (n,) of each sample in s, by the device's own clock and zero."""
-        return np.asarray(self.ticks * self.tick_period_s, dtype=np.float64)
-
-    @property
-    def sample_time_ns(self) -> NDArray[np.int64]:
-        """Host time (n,) int64 at which each sample was taken, ns since the Unix epoch."""
-        return _host_ns(self)
-
     def after(self, n: int) -> "SampleBatch":
         """Return the batch without its first n samples, n smaller than the batch."""
         return replace(
@@ -109,7 +120,7 @@ class SampleBatch:
 
 
 @frequent(eq=False)
-class OrientationBatch:
+class OrientationBatch(Timed):
     """Attitudes of consecutive samples of one boot, from sensor to earth axes, z up (docs/orientation.md).
 
     quat_wxyz (n, 4) float32: unit quaternions, scalar first. linear_accel (n, 3) float32 m/s²: acceleration without
@@ -133,14 +144,6 @@ class OrientationBatch:
     quality: Quality
     epoch: int = 0
 
-    def __len__(self) -> int:
-        return len(self.ticks)
-
-    @property
-    def sample_time_ns(self) -> NDArray[np.int64]:
-        """Host time (n,) int64 at which each sample was taken, ns since the Unix epoch."""
-        return _host_ns(self)
-
     @property
     def tilt_std(self) -> float:
         """Standard deviation of the tilt: rms angle between the true and the estimated vertical, rad."""
@@ -159,7 +162,7 @@ class OrientationBatch:
 
 
 @frequent(eq=False)
-class CorrectedBatch:
+class CorrectedBatch(Timed):
     """Corrected rates of one SampleBatch (sensor frame), with bias and standard deviations.
 
     rate (n, 3) float32 rad/s; bias and every `_std` (3,) float32. bias, noise_std, bias_std and flicker_std are in
@@ -186,19 +189,6 @@ class CorrectedBatch:
     epoch: int = 0  # of the estimator's ownership of the device: a higher epoch is later; 0 when unknown
     flicker_std: NDArray[np.float32] = field(default_factory=lambda: STEADY)
 
-    def __len__(self) -> int:
-        return len(self.ticks)
-
-    @property
-    def device_time(self) -> Floats:
-        """Device time (n,) of each sample in s, by the device's own clock and zero."""
-        return np.asarray(self.ticks * self.tick_period_s, dtype=np.float64)
-
-    @property
-    def sample_time_ns(self) -> NDArray[np.int64]:
-        """Host time (n,) int64 at which each sample was taken, ns since the Unix epoch."""
-        return _host_ns(self)
-
     def after(self, n: int) -> "CorrectedBatch":
         """Return the batch without its first n samples, n smaller than the batch."""
         return replace(
@@ -217,11 +207,6 @@ class CorrectedBatch:
         Combines noise, bias, flicker, scale and misalignment.
         """
         return combined_std(self.rate, self.noise_std, self.bias_std, self.scale_std, self.cross_std, self.flicker_std)
-
-
-def _host_ns(batch: SampleBatch | CorrectedBatch | OrientationBatch) -> NDArray[np.int64]:
-    since_first = (batch.ticks - batch.ticks[0]) * (batch.tick_period_s * batch.clock_rate * 1e9)
-    return np.asarray(np.rint(since_first).astype(np.int64) + batch.start_time_ns, dtype=np.int64)
 
 
 def combined_std(

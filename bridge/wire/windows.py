@@ -8,9 +8,12 @@ import numpy as np
 from bridge.wire import columns_pb2 as columns
 from bridge.wire import validation
 from bridge.wire.batches import (
+    FLOAT,
     MAX_CORRECTED,
     MAX_RATE,
     MAX_SEQUENCE,
+    UINT32,
+    UINT64,
     Float32s,
     column_of,
     flags_of,
@@ -26,7 +29,7 @@ from bridge.wire.validation import MAX_TIME_NS, clean
 MAX_WINDOWS = 64
 #: largest number of samples in a window
 MAX_IN_WINDOW = 2**20
-_FLOAT, _INT64, _UINT64, _UINT32 = np.dtype("<f4"), np.dtype("<i8"), np.dtype("<u8"), np.dtype("<u4")
+_INT64 = np.dtype("<i8")
 
 
 def encode_windows(batch: WindowBatch) -> bytes:
@@ -36,26 +39,26 @@ def encode_windows(batch: WindowBatch) -> bytes:
         device=batch.device,
         boot=batch.boot,
         window_s=batch.window_s,
-        sequences=column_of(batch.sequences, _UINT64),
+        sequences=column_of(batch.sequences, UINT64),
         times_ns=column_of(batch.times_ns, _INT64),
-        samples=column_of(batch.samples, _UINT32),
+        samples=column_of(batch.samples, UINT32),
         flags=packed_flags(batch.flags),
-        reading_mean=column_of(batch.reading_mean, _FLOAT),
-        reading_std=column_of(batch.reading_std, _FLOAT),
-        reading_min=column_of(batch.reading_min, _FLOAT),
-        reading_max=column_of(batch.reading_max, _FLOAT),
-        rate_mean=column_of(batch.rate_mean, _FLOAT),
-        rate_std=column_of(batch.rate_std, _FLOAT),
-        rate_min=column_of(batch.rate_min, _FLOAT),
-        rate_max=column_of(batch.rate_max, _FLOAT),
+        reading_mean=column_of(batch.reading_mean, FLOAT),
+        reading_std=column_of(batch.reading_std, FLOAT),
+        reading_min=column_of(batch.reading_min, FLOAT),
+        reading_max=column_of(batch.reading_max, FLOAT),
+        rate_mean=column_of(batch.rate_mean, FLOAT),
+        rate_std=column_of(batch.rate_std, FLOAT),
+        rate_min=column_of(batch.rate_min, FLOAT),
+        rate_max=column_of(batch.rate_max, FLOAT),
         quality=int(batch.quality),
-        noise_std=column_of(batch.noise_std, _FLOAT),
-        bias_std=column_of(batch.bias_std, _FLOAT),
-        scale_std=column_of(batch.scale_std, _FLOAT),
-        cross_std=column_of(batch.cross_std, _FLOAT),
-        bias=column_of(batch.bias, _FLOAT),
+        noise_std=column_of(batch.noise_std, FLOAT),
+        bias_std=column_of(batch.bias_std, FLOAT),
+        scale_std=column_of(batch.scale_std, FLOAT),
+        cross_std=column_of(batch.cross_std, FLOAT),
+        bias=column_of(batch.bias, FLOAT),
         calibration=clean(batch.calibration, validation.MAX_NAME),
-        flicker_std=column_of(batch.flicker_std, _FLOAT),
+        flicker_std=column_of(batch.flicker_std, FLOAT),
     ).SerializeToString()
 
 
@@ -65,12 +68,12 @@ def decode_windows(key: str, payload: bytes) -> WindowBatch:
     Raises Refusal.
     """
     raw, _ = opened(columns.WindowBatch, "@windowed", key, payload)
-    sequences = np.frombuffer(_rising(raw.sequences, "sequences", MAX_SEQUENCE), _UINT64)
+    sequences = np.frombuffer(_rising(raw.sequences, "sequences", MAX_SEQUENCE), UINT64)
     m = len(sequences)
     times_ns = np.frombuffer(_rising(raw.times_ns, "times_ns", MAX_TIME_NS), _INT64)
     if len(times_ns) != m or len(raw.samples) != 4 * m:
         raise Refusal(Reason.LENGTH, f"{m} windows, with {len(times_ns)} times and {len(raw.samples)} bytes of samples")
-    samples = np.frombuffer(raw.samples, _UINT32)
+    samples = np.frombuffer(raw.samples, UINT32)
     if int(samples.min()) < 1 or int(samples.max()) > MAX_IN_WINDOW:
         raise Refusal(Reason.RANGE, f"a window has no sample, or more than {MAX_IN_WINDOW}")
     noise_std, bias_std, scale_std, cross_std, flicker_std = stds_of(raw)
@@ -108,7 +111,7 @@ def _rising(column: bytes, name: str, high: int) -> bytes:
         raise Refusal(
             Reason.LENGTH, f"{name} has {len(column)} bytes; 8 per window and 1 to {MAX_WINDOWS} windows are expected"
         )
-    validation.rising(np.frombuffer(column, _UINT64).tolist(), name, high)
+    validation.rising(np.frombuffer(column, UINT64).tolist(), name, high)
     return column
 
 

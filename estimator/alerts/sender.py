@@ -35,8 +35,7 @@ class Sender:
         self._outbox, self._came = Outbox(settings), SimpleQueue[tuple[str, Placement | None, Change]]()
         self.use(settings)
         self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="alerts", daemon=True)
-        self._thread.start()
+        self._thread = threading.Thread(target=self._run, name="alerts", daemon=True)  # started by the first alert
 
     def use(self, settings: Alerts) -> None:
         """Use changed settings from now on. Raises ConfigError for an address that cannot be used."""
@@ -46,11 +45,14 @@ class Sender:
     def put(self, subject: str, placement: Placement | None, change: Change) -> None:
         """Queue an alert or all-clear of a device or estimator for sending; never waits."""
         self._came.put((subject, placement, change))
+        if self._thread.ident is None:
+            self._thread.start()
 
     def close(self) -> None:
         """Stop the thread; waiting news are not sent, since another estimator or the next start has the alert."""
         self._stop.set()
-        self._thread.join(_END_S)
+        if self._thread.ident is not None:
+            self._thread.join(_END_S)
 
     def _run(self) -> None:
         while not self._stop.wait(_LOOK_S):

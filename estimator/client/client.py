@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import Self, TypeVar
 
 from bridge.bus.contract import Bus, BusError, Declared, Subscription
+from bridge.bus.zenoh_bus import ZenohBus
 from bridge.config.schema import LOCAL
 from bridge.wire import codec, keys
 from bridge.wire.messages import (
@@ -23,7 +24,7 @@ from bridge.wire.messages import (
     WindowBatch,
 )
 from bridge.wire.refusal import Refusal
-from estimator.client.connection import connected, denied
+from estimator.client.connection import denied
 from estimator.client.decoder import Decoder
 from estimator.client.reorder_buffer import BOOTS, HANDOVER_S, WAIT_S, Miss
 from estimator.client.stream import Corrected, Stream
@@ -50,7 +51,7 @@ class Client:
         endpoints = (endpoints,) if isinstance(endpoints, str) else endpoints
         self.ward = keys.check_id(ward, "ward")
         self._own = bus is None
-        self._bus: Bus = connected(endpoints) if bus is None else bus
+        self._bus: Bus = ZenohBus(endpoints) if bus is None else bus
         #: reasons why no message may arrive although a router is connected; empty if no fault is known
         self.denied = denied(self._bus, endpoints, ward) if self._own else ()
 

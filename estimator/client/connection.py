@@ -1,35 +1,17 @@
-"""Connect a subscriber to a ward's router and report what its certificate does not permit it to receive."""
+"""Report what a subscriber's certificate does not permit it to receive."""
 
 import logging
-import threading
 from collections.abc import Sequence
 
 from bridge.bus.access_self_test import self_test
 from bridge.bus.contract import Bus
 from bridge.bus.routers import Routers
-from bridge.bus.zenoh_bus import ZenohBus
 from bridge.pki.member import Role
 
-#: log "looking for a router" when no router has answered for this long, s
-LOOKED_S = 1.0
 #: certificate roles that may receive a ward's messages
 SUBSCRIBERS = (Role.VIEWER, Role.COMMANDER, Role.RECORDER, Role.ROS2)
 
 log = logging.getLogger(__name__)
-
-
-def connected(endpoints: Sequence[str]) -> ZenohBus:
-    """Connect to a router at one of `endpoints`; logs a warning if that takes longer than LOOKED_S.
-
-    Returns the open bus session. Raises BusError when no router answers.
-    """
-    told = threading.Timer(LOOKED_S, log.warning, ("looking for a router at %s", ", ".join(endpoints)))
-    told.daemon = True
-    told.start()
-    try:
-        return ZenohBus(endpoints)
-    finally:
-        told.cancel()
 
 
 def denied(bus: Bus, endpoints: Sequence[str], ward: str) -> tuple[str, ...]:

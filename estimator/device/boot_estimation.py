@@ -5,8 +5,8 @@ from collections import deque
 from bridge.reasons.catalogue import english
 from bridge.reasons.codes import Code, Sentences
 from bridge.wire import messages
+from bridge.wire.message_parts import MAX_RECEIPTS
 from bridge.wire.messages import AccelerometerCalibration, Calibration, State, Verdict
-from bridge.wire.receipts import MAX_RECEIPTS
 from bridge.wire.refusal import Tally
 from estimator.calibration.accelerometer import in_use
 from estimator.device.boot_calibration import AsMessage, BootCalibration

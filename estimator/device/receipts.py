@@ -4,7 +4,7 @@ import numpy as np
 
 from bridge.wire import messages
 from bridge.wire.batches import MAX_RATE
-from bridge.wire.receipts import MAX_NIS, MAX_STD
+from bridge.wire.message_parts import MAX_NIS, MAX_STD
 from estimator.tracking.evidence import Receipt
 
 

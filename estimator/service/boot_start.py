@@ -25,7 +25,7 @@ class Boots:
     """Starter of device boots from stored knowledge and from other estimators' checkpoints."""
 
     def __init__(self, parts: Parts) -> None:
-        self._devices, self._record, self._guarded = parts.devices, parts.record, parts.guarded
+        self._devices, self._record = parts.devices, parts.record
         #: settings of each device
         self.treatment = treatment(parts.settings)
 
@@ -130,10 +130,10 @@ class Boots:
 
         def use(what: Callable[[], None]) -> None:
             if self._devices.get(device.name) is device and device.session.boot == info.boot:
-                self._guarded(device, what)
+                self._devices.guard(device, what)
 
         session = device.session
-        self._record.earlier.law(session, info, lambda law: use(lambda: session.learnt.expect(law)))
+        self._record.earlier.law(session, info, lambda law: use(lambda: session.learnt.expect(law)) if law else None)
         self._record.earlier.moves(session, info, lambda moves: use(lambda: session.moves(moves)))
 
     def _from_scratch(self, device: Device, info: DeviceInfo, why: Sentences) -> list[str]:

@@ -101,19 +101,6 @@ class Checkpoints:
         known = self._latest.get(device)
         return known.bridge if known is not None and abs(now_ns - known.time_ns) <= LATELY_NS else ""
 
-    def calibration(self, device: str, boot: int) -> Calibration | None:
-        """Calibration that the latest checkpoint of a device says was made in exactly this boot, or None."""
-        known = self._latest.get(device)
-        return None if known is None or known.boot != boot else calibrated(known)
-
-    def repeated(self, device: str, boot: int) -> bool:
-        """Whether an earlier power-up had this boot number and the present one is not calibrated, by the checkpoint.
-
-        False without a checkpoint of this boot.
-        """
-        known = self._latest.get(device)
-        return known is not None and known.boot == boot and known.boot_repeated and not calibrated(known)
-
     def forget(self, device: str) -> None:
         """Drop the checkpoint of a device, because this estimator now knows better or the device is to be forgotten."""
         self._latest.pop(device, None)

@@ -4,13 +4,13 @@ import logging
 import time
 from collections import deque
 from collections.abc import Callable, Collection, Mapping, Sequence
+from typing import TypeVar
 
 from bridge.bus.contract import Bus, Message
 from bridge.reasons.codes import Code, Sentences
 from bridge.wire import codec, keys
 from bridge.wire.messages import Alert, Checkpoint, Holding, Owned
 from bridge.wire.refusal import Refusal, Tally
-from estimator.client.decoder import Decoder
 from estimator.service.checkpoints import Checkpoints, checkpoint_of
 from estimator.service.device import Device
 from estimator.service.device_roster import MAX_DEVICES
@@ -19,6 +19,7 @@ from estimator.service.moves import Moves
 from estimator.service.replay_log import ReplayLog
 
 log = logging.getLogger(__name__)
+T = TypeVar("T")
 
 #: interval between ownership messages, with other estimators and alone, s
 SAY_S, SAY_ALONE_S = 0.25, 1.0
@@ -56,17 +57,14 @@ class Cluster:
         self.replay = ReplayLog()
         #: whether another estimator was ever seen
         self.company = not self.membership.alone
-        #: called on a thread of the bus when an estimator appears or disappears
-        self.on_token: Callable[[], None] = lambda: None
         self._tokens: deque[tuple[str, bool]] = deque(maxlen=_TOKENS)
-        self._owned = Decoder[Owned]("ownership", codec.decode_owned)
-        self._checkpoints = Decoder[Checkpoint]("checkpoint", codec.decode_checkpoint)
-        self.decoders = self._owned, self._checkpoints
         self._own_key = keys.build(ward, "owned", estimator=own)
         self._said, self._mine = bus.publisher(self._own_key), deque[int](maxlen=_SAID)
         self._heard = bus.subscribe(keys.pattern(ward, "owned"), prompt=False)
         self._kept = bus.subscribe(keys.pattern(ward, "checkpoint"), history=True, prompt=False)
-        self._watch = bus.watch_alive(keys.pattern(ward, "alive/estimator"), self._token)
+        self._watch = bus.watch_alive(
+            keys.pattern(ward, "alive/estimator"), lambda key, alive: self._tokens.append((key, alive))
+        )
         self._looked, self._deaf_s, self._next_say, self._scan = now, 0.0, 0.0, True
         self._moves = Moves(now_ns)
         self._why: Sentences = ()
@@ -102,11 +100,11 @@ class Cluster:
         for message in said:
             if message.key == self._own_key:
                 self._look_for_double(message)
-            elif (owned := self._owned.take(message)) is not None:
+            elif (owned := self._read("ownership", codec.decode_owned, message)) is not None:
                 self.company |= owned.estimator != membership.own
                 lost |= dict.fromkeys(membership.said(owned, now), owned.estimator)
         for message in self._kept.drain(4096, 0.0):
-            if (checkpoint := self._checkpoints.take(message)) is not None:
+            if (checkpoint := self._read("checkpoint", codec.decode_checkpoint, message)) is not None:
                 self._note(checkpoint)
         self._notice(*membership.look(now))
         for device, taker in lost.items():
@@ -125,6 +123,15 @@ class Cluster:
         if self.company and not self._bus.connected:  # alone, no other estimator takes what this one leaves
             self.membership.hold_off(now)
         self._scan = True
+
+    def _read(self, what: str, decode: Callable[[str, bytes], T], message: Message) -> T | None:
+        """Decode another estimator's message of a kind `what`; None where it is refused and counted."""
+        try:
+            return decode(*message)
+        except Refusal as refusal:
+            if self._counts.add(f"{what} messages refused, {refusal.reason}") == 1:
+                log.warning("%s message refused, %s (further ones of this kind are only counted)", what, refusal)
+            return None
 
     def _note(self, checkpoint: Checkpoint) -> None:
         if checkpoint.epoch >= BEYOND:  # no later epoch could ever replace it
@@ -152,10 +159,6 @@ class Cluster:
             " of its own (more is only counted)",
             self.membership.own,
         )
-
-    def _token(self, key: str, alive: bool) -> None:  # noqa: FBT001 - the bus's contract
-        self._tokens.append((key, alive))
-        self.on_token()
 
     def _changed(self, key: str, alive: bool, now: float) -> None:  # noqa: FBT001
         try:
@@ -269,7 +272,7 @@ class Cluster:
         if alone:
             self.replicas.note(checkpoint)
         else:
-            device.say_checkpoint(codec.encode_checkpoint(checkpoint))
+            device.say("checkpoint", codec.encode_checkpoint(checkpoint))
 
     def _moved(self, came: int, why: Sentences) -> None:
         self._moves.came(came, why)

@@ -2,15 +2,16 @@
 
 import math
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
+from types import MappingProxyType
 
 import numpy as np
 
 from bridge.bus.contract import Bus, Publisher
 from bridge.wire import codec, keys
 from bridge.wire.batches import CorrectedEncoder
-from bridge.wire.messages import Alert, BiasRevision, Checkpoint, Note, Placement, State, Status, WindowBatch
+from bridge.wire.messages import Alert, BiasRevision, Checkpoint, Placement, State, Status
 from bridge.wire.orientation import encode_columns
 from estimator.alerts.board import Board, Change
 from estimator.config.alerts import DEFAULTS, Alerts
@@ -22,7 +23,6 @@ from estimator.device.orientation import OrientedCut
 from estimator.device.session import DeviceSession
 from estimator.device.session_knobs import SessionKnobs
 from estimator.service import output
-from estimator.service.overload import OVERLOADED, UNKEPT
 
 #: messages cached for late and returning subscribers; for corrected, a bridge's cache of 50 ms batches and some more
 CACHES = {"corrected": 640, "status": 1, "calibration": 8, "revision": 8, "note": 8, "checkpoint": 1}
@@ -43,7 +43,7 @@ class Device:
     """Session and publishers of one device. After a failure in the session, `restart` begins a new one.
 
     silence_s: silence after which the device counts as lost, s. now: monotonic s. epoch: of this estimator's ownership.
-    began: device time at the start of the boot, s.
+    began: device time at the start of the boot, s. troubles: events of the whole estimator, which may change.
     """
 
     def __init__(
@@ -57,8 +57,9 @@ class Device:
         epoch: int = 0,
         began: float = 0.0,
         alerts: Alerts = DEFAULTS,
+        troubles: Mapping[str, int] = MappingProxyType({}),
     ) -> None:
-        self.name = name
+        self.name, self._troubles = name, troubles
         self._alerts = alerts
         #: alerts of this device
         self.board = Board(alerts)
@@ -78,10 +79,6 @@ class Device:
         self.announced_after_s = 0.0
         self._first_s = math.inf  # device time of the first sample of a device that is not announced
         self._told = ""  # id of the calibration published last
-        #: how long the estimator has not kept up with its devices, s; 0 when it keeps up
-        self.overloaded_s = 0
-        #: whether the store cannot be written now
-        self.unkept = False
         #: where and by whom the device is worn; None if nobody said
         self.placement: Placement | None = None
         #: the status published last
@@ -113,6 +110,11 @@ class Device:
         """Whether the device can be forgotten without loss: no calibration is known, of this boot or an earlier one."""
         return self.session.calibration is None and self.session.prior is None
 
+    def say(self, what: str, payload: bytes) -> None:
+        """Publish an encoded message of an announced device. what: its kind, as in CACHES."""
+        if self.announced:
+            self._publisher(what).put(payload)
+
     def say_corrected(self, cut: Cut, rates: Rates) -> None:
         """Publish corrected samples, or hold them while the device is not announced or their calibration not stored.
 
@@ -130,12 +132,6 @@ class Device:
         if self._delay_s is None:
             self._delay_s = (time.time_ns() - self.session.last_heard_ns) / 1e9
 
-    def say_windows(self, batch: WindowBatch) -> None:
-        """Publish window summaries for viewers; does nothing if a number is outside the wire's limits."""
-        fit = output.windows(batch)
-        if fit is not None:
-            self._say("@windowed", codec.encode_windows(fit))
-
     def say_orientation(self, one: OrientedCut) -> None:
         """Publish the attitudes of corrected samples, if somebody subscribes to orientation."""
         if self._unwanted_s:
@@ -144,7 +140,7 @@ class Device:
         quat, cov_of_last = quat_wxyz.astype(np.float32).tobytes(), cov[-1].astype(np.float32).tobytes()
         packed = quat, output.linear_accel(accel), cov_of_last
         payload = encode_columns(self.name, self.epoch, cut.header, *packed, zero, cut.correction.quality)
-        self._say("orientation", payload)
+        self.say("orientation", payload)
 
     def look_round(self) -> None:
         """Once a second: switch window summaries and orientation on or off, by whether somebody subscribes to them."""
@@ -179,13 +175,13 @@ class Device:
         """
         if not self._unsaid:
             self.latest = self.status(time_ns)
-            self._say("status", codec.encode_status(self.latest))
+            self.say("status", codec.encode_status(self.latest))
             self._say_known()
 
     def say_calibration(self, calibration: str, payload: bytes) -> None:
         """Publish an encoded calibration. calibration: its id."""
         self._told = calibration
-        self._say("calibration", payload)
+        self.say("calibration", payload)
 
     def hold(self, calibration: str, payload: bytes) -> None:
         """Hold back corrected rates until a calibration is stored, since nobody could look it up before.
@@ -210,16 +206,12 @@ class Device:
         if self.announced and not self._unsaid:
             held, self._held = self._held, []
             for payload in held:
-                self._say("corrected", payload)
+                self.say("corrected", payload)
 
     def _say_unsaid(self) -> None:
         """Publish everything that waits for the disk."""
         for calibration in list(self._unsaid):
             self.let_go(calibration)
-
-    def say_checkpoint(self, payload: bytes) -> None:
-        """Publish an encoded checkpoint of this device for the other estimators."""
-        self._say("checkpoint", payload)
 
     def _say_known(self) -> None:
         """Publish the calibration in use if a former owner published it, so that new subscribers can look it up."""
@@ -231,20 +223,13 @@ class Device:
         """Publish a revision of the past bias; does nothing if too few of its points fit the wire's limits."""
         fit = output.revision(revision)
         if fit is not None:
-            self._say("revision", codec.encode_revision(fit))
-
-    def say_note(self, time_ns: int, who: str, text: str) -> None:
-        """Publish a person's note on the device. time_ns: host time, ns since the Unix epoch."""
-        note = Note(self.name, self.session.boot or 0, time_ns, who, text)
-        self._say("note", codec.encode_note(note))
+            self.say("revision", codec.encode_revision(fit))
 
     def status(self, time_ns: int) -> Status:
         """Make the complete status of the device, every number within the wire's limits.
 
         time_ns: host time, ns since the Unix epoch.
         """
-        more = [(OVERLOADED, self.overloaded_s)] if self.overloaded_s else []
-        more += [(UNKEPT, 1)] if self.unkept else []
         now = time.monotonic()
         silent_s = now - self.heard if now - self.heard > SILENT_S else 0.0
         said = self.session.status(
@@ -253,7 +238,7 @@ class Device:
             refused_bridges=self.admission.refused(now),
             epoch=self.epoch,
             silent_s=silent_s,
-            more=more,
+            more=[(event, n) for event, n in self._troubles.items() if n],
             placement=self.placement,
             alerts=self.board.standing,
         )
@@ -313,11 +298,6 @@ class Device:
         for publisher in self._publishers.values():
             publisher.close()
         self._publishers = {}
-
-    def _say(self, what: str, payload: bytes) -> None:
-        """Publish a message of an announced device."""
-        if self.announced:
-            self._publisher(what).put(payload)
 
     def _is_wanted(self, what: str) -> bool:
         return self.announced and self._publisher(what).wanted

@@ -1,16 +1,23 @@
-"""Roster of known devices, bounded in number. Silent devices that were never calibrated make room for new ones."""
+"""Roster of known devices: bounded in number, and a failure in one device's work affects that device only.
+
+Silent devices that were never calibrated make room for new ones.
+"""
 
 import logging
 from collections import Counter
 from collections.abc import Callable
 from heapq import nsmallest
+from typing import TypeVarTuple
 
+from bridge.bus.contract import BusError
 from bridge.wire.messages import DeviceInfo
 from bridge.wire.refusal import Tally
 from estimator.device.attention import ended
 from estimator.service.device import Device
 
 log = logging.getLogger(__name__)
+
+Ts = TypeVarTuple("Ts")
 
 #: most devices of one estimator
 MAX_DEVICES = 4096
@@ -21,6 +28,8 @@ ENDED_S = 600.0
 RECENT_NS = 5_000_000_000
 #: samples refused because the roster is full are counted under this name
 TOO_MANY = "samples refused, too many devices"
+#: event of a device whose session ended by an error
+FAILED = "session failed"
 
 
 class DeviceRoster(dict[str, Device]):
@@ -97,6 +106,31 @@ class DeviceRoster(dict[str, Device]):
             if name == device and recent and not ended(info.trouble) and alive(bridge):
                 return bridge
         return ""
+
+    def guard(self, device: Device, work: Callable[[*Ts], object], *args: *Ts) -> bool:
+        """Run work(*args) of one device and return whether it succeeded; after a failure a new session starts."""
+        try:
+            work(*args)
+        except Exception as error:  # noqa: BLE001 - any failure is contained: see `failed`
+            self.failed(device, error)
+            return False
+        return True
+
+    def failed(self, device: Device, error: Exception) -> None:
+        """Restart the session of a device whose work failed, so that the other devices' service goes on.
+
+        The device's samples that came and were not published are lost and counted. Raises the error again if it is a
+        BusError, since a lost bus concerns all devices.
+        """
+        if isinstance(error, BusError):
+            raise error
+        device.restart()
+        self._counts.add("sessions failed")
+        if device.session.count_event(FAILED) == 1:
+            words = (
+                "%s: an error ended the device's session, and a new session starts (further errors are only counted)"
+            )
+            log.error(words, device.name, exc_info=error)
 
     def over(self, now: float) -> list[Device]:
         """Devices meant to send no more that have been silent for over ENDED_S at `now`, monotonic seconds."""

@@ -67,9 +67,7 @@ class DeviceStarts:
         lately = cluster.replicas.lately_from(name, self._parts.now_ns())
         if known := lately or self._resumed.bridge(name, batch.receive_time_ns):
             device.admission.owns(known, now)
-        devices[name] = device
-        if (stopped := self._parts.record.stopped(name, batch.boot)) is not None and self._goes_on(device, stopped):
-            self._resume(device)
+        self._resume_stopped(device, batch.boot)
         return device
 
     def take_over(self, name: str, now: float) -> Device | None:
@@ -83,11 +81,9 @@ class DeviceStarts:
             return devices.get(name)
         device = self._made(name, now, known.bridge)
         if self._parts.record.holds(device, known) and self._goes_on(device, known):
-            device.heard = now - max(0.0, (self._parts.now_ns() - known.time_ns) / 1e9)
-            if known.bridge:
-                device.admission.owns(known.bridge, device.heard)
+            self._was_heard(device, known.bridge, known.time_ns, now)
             devices[name] = device
-            self._parts.guarded(device, self._resume, device)
+            self._parts.devices.guard(device, self._resume, device)
         return devices.get(name)
 
     def miss(self, now: float, wanted: Callable[[str], bool]) -> None:
@@ -95,18 +91,14 @@ class DeviceStarts:
 
         now: monotonic s. wanted(device): whether a device is to be served.
         """
-        devices, cluster, record = self._parts.devices, self._parts.cluster, self._parts.record
+        devices, cluster = self._parts.devices, self._parts.cluster
         for name, (boot, seen_ns, bridge) in self._last_run.items():
             if name in devices or not (wanted(name) and cluster.membership.wants(name, now) and devices.room(now, 0)):
                 continue
             device = self._made(name, now, bridge)
             device.announced_after_s = 0.0
-            device.heard = now - max(0.0, (self._parts.now_ns() - seen_ns) / 1e9)
-            if bridge:
-                device.admission.owns(bridge, device.heard)
-            devices[name] = device
-            if (stopped := record.stopped(name, boot)) is not None and self._goes_on(device, stopped):
-                self._parts.guarded(device, self._resume, device)
+            self._was_heard(device, bridge, seen_ns, now)
+            self._resume_stopped(device, boot)
         self._last_run = {}
 
     def adopt(self, known: Checkpoint) -> None:
@@ -132,13 +124,24 @@ class DeviceStarts:
             record.keep(device, calibration)
             device.say_status(self._parts.now_ns())
 
-        self._parts.guarded(device, adopted)
+        self._parts.devices.guard(device, adopted)
 
     def _made(self, name: str, now: float, bridge: str, began: float = 0.0) -> Device:
         """Create a device owned by us. bridge: that sends it. began: device time in s of the start of its boot, if known."""
         parts = self._parts
         knobs, epoch = self._boots.knobs(name, bridge), parts.cluster.epoch(name)
-        device = Device(parts.bus, parts.ward, name, knobs, parts.settings.silence_s, now, epoch, began, self._alerts)
+        device = Device(
+            parts.bus,
+            parts.ward,
+            name,
+            knobs,
+            parts.settings.silence_s,
+            now,
+            epoch,
+            began,
+            self._alerts,
+            parts.troubles,
+        )
         device.stands(parts.record.standing(name), now)
         known = self._listed or parts.record.knows(name) or parts.cluster.replicas.of(name) is not None
         device.announced_after_s = 0.0 if known else NEWCOMER_S
@@ -149,6 +152,18 @@ class DeviceStarts:
         """Placement that a person set, else that of the ward file."""
         said, worn = self._parts.record.placement(name), self._settings.placements.get(name)
         return worn.placement if said is None and worn is not None else said
+
+    def _was_heard(self, device: Device, bridge: str, time_ns: int, now: float) -> None:
+        """Note when a device was heard last, host time in ns, and from which bridge, empty if unknown."""
+        device.heard = now - max(0.0, (self._parts.now_ns() - time_ns) / 1e9)
+        if bridge:
+            device.admission.owns(bridge, device.heard)
+
+    def _resume_stopped(self, device: Device, boot: int) -> None:
+        """Put a device into the roster; it continues a boot that this estimator saved at an orderly stop."""
+        self._parts.devices[device.name] = device
+        if (stopped := self._parts.record.stopped(device.name, boot)) is not None and self._goes_on(device, stopped):
+            self._parts.devices.guard(device, self._resume, device)
 
     def _goes_on(self, device: Device, known: Checkpoint) -> bool:
         """Whether a device continues from a checkpoint; a damaged checkpoint changes nothing and is counted."""

@@ -2,13 +2,11 @@
 
 import logging
 from collections.abc import Callable
-from typing import TypeVar
 
 import numpy as np
 
 from bridge.reasons.codes import Sentences
 from bridge.wire.messages import Calibration, DeviceInfo
-from estimator.database import StoreError
 from estimator.device.restore_key import changed, differing, restore_key
 from estimator.device.session import DeviceSession
 from estimator.geometry.gyro_model import repeatability
@@ -18,8 +16,6 @@ from estimator.service.store import Store
 from estimator.service.store_writer import StoreWriter
 from estimator.tracking.temperature_law import TemperatureLaw
 from estimator.tracking.temperature_learning import learn
-
-_T = TypeVar("_T")
 
 log = logging.getLogger(__name__)
 
@@ -74,14 +70,14 @@ class EarlierBoots:
         latest = self._store.latest(info.device)
         return () if latest is None else changed(latest, info, within_boot=latest.boot == info.boot)
 
-    def law(self, session: DeviceSession, info: DeviceInfo, then: Callable[[TemperatureLaw], None]) -> None:
+    def law(self, session: DeviceSession, info: DeviceInfo, then: Callable[[TemperatureLaw | None], None]) -> None:
         """Learn the temperature law (bias against temperature) from earlier boots of the same hardware.
 
-        Calls then(law) if there is one. Learning runs on the store's thread, since it takes as long as correcting many
+        Calls then(law), None if there is none. Learning runs on the store's thread, since it takes as long as correcting many
         samples; `then` runs on the service's thread.
         """
         knobs = session.knobs.track.bias
-        self._look_up(lambda: learn(self._store.points(info), knobs), then)
+        self._clerk.look_up(lambda: learn(self._store.points(info), knobs), then)
 
     def moves(self, session: DeviceSession, info: DeviceInfo, then: Callable[[float], None]) -> None:
         """Compute the relative standard deviation of the scale factors from boot to boot of the same hardware.
@@ -92,17 +88,7 @@ class EarlierBoots:
         def moved() -> float:
             return repeatability([np.diag(c.matrix) for c in self._store.earlier(info)], session.knobs.prior)
 
-        self._look_up(moved, then)
-
-    def _look_up(self, what: Callable[[], _T | None], then: Callable[[_T], None]) -> None:
-        found = list[_T | None]()
-
-        def looked_up(_: StoreError | None) -> None:
-            for one in found:
-                if one is not None:
-                    then(one)
-
-        self._clerk.look_up(lambda: found.append(what()), looked_up)
+        self._clerk.look_up(moved, then)
 
     def past(self, device: str) -> list[int] | None:
         """Numbers of the boots of a device heard before this estimator started, oldest first, at most BOOTS_KNOWN.

@@ -102,9 +102,7 @@ class EnrolmentGate:
         place = self._places.get(device)
         if place and bridge and place != bridge:
             return (Code.ENROLLED_ELSEWHERE(place=place, bridge=bridge),)
-        if self._enrolment is None or place is not None:
-            return ()
-        return (Code.NOT_ENROLLED(),)
+        return () if self._enrolment is None or place is not None else (Code.NOT_ENROLLED(),)
 
     def admits(self, bridge: str, device: str, now: float) -> bool:
         """Whether a message of a device from this bridge is admitted, at `now`, monotonic s.

@@ -9,7 +9,6 @@ from bridge.ingest import duplicate_bridges
 from bridge.reasons.catalogue import english
 from bridge.wire import codec, keys
 from bridge.wire.refusal import Refusal
-from estimator.client.decoder import Decoder
 from estimator.device.admission import BEGINS, Ruling
 from estimator.device.batch_correction import Cut, correct
 from estimator.device.orientation import oriented
@@ -41,12 +40,9 @@ class Intake:
         tell: Callable[[Device, Outcome], None],
         starts: DeviceStarts,
     ) -> None:
-        self._devices, self._boots, self._guarded = parts.devices, boots, parts.guarded
+        self._devices, self._boots = parts.devices, boots
         self._resumed, self._counts = resumed, parts.counts
         self._say, self._starts, self._came = tell, starts, checks.came
-        self._samples = Decoder("sample", codec.decode_samples, self._refused)
-        self._infos = Decoder("info", codec.decode_info, self._refused)
-        self.decoders = self._samples, self._infos
         #: samples to correct and publish in this round, in order; devices with samples that could not be published
         self._due: list[tuple[Device, Cut]] = []
         self._unsaid: list[tuple[Device, Exception]] = []
@@ -60,7 +56,7 @@ class Intake:
         resumed = self._resumed.lasts(now)
         for message, samples in zip(messages, decode(messages), strict=True):
             if isinstance(samples, Refusal):
-                self._samples.refuse(message.key, samples)
+                self._refuse("sample", message.key, samples)
                 continue
             came += samples.n
             if resumed and self._resumed.done(samples):
@@ -70,14 +66,17 @@ class Intake:
         self._came(came)
         self._publish()
         while self._unsaid:  # only now, when no batch is under way
-            self._guarded.failed(*self._unsaid.pop())
+            self._devices.failed(*self._unsaid.pop())
 
     def hear(self, message: Message) -> None:
         """Process a bridge's device info message: keep the info, and apply it if it belongs to the present boot.
 
         A calibration that the device made itself and states in the info is offered to its session.
         """
-        if (info := self._infos.take(message)) is None:
+        try:
+            info = codec.decode_info(*message)
+        except Refusal as refusal:
+            self._refuse("info", message.key, refusal)
             return
         before = self._devices.info(info.bridge, info.device)
         self._devices.note(info)
@@ -91,9 +90,12 @@ class Intake:
             if info.calibration is not None and device.announced:  # a refusal could not be published before
                 self._tell(device, device.session.offered(info.calibration, time.time_ns()))
 
-        self._guarded(device, introduced)
+        self._devices.guard(device, introduced)
 
-    def _refused(self, key: str, refusal: Refusal) -> None:
+    def _refuse(self, what: str, key: str, refusal: Refusal) -> None:
+        """Count a refused message by its reason, in the ward's counts and with its device; the first is logged."""
+        if self._counts.add(f"{what} messages refused, {refusal.reason}") == 1:
+            log.warning("%s message refused, %s (further ones of this kind are only counted)", what, refusal)
         try:
             device = self._devices.get(keys.parse(key).ids.get("device", ""))
         except Refusal:
@@ -108,7 +110,7 @@ class Intake:
         if device.admission.owns(samples.bridge, now):
             device.key = key
             device.came += samples.n
-            self._guarded(device, self._take, device, samples, now)
+            self._devices.guard(device, self._take, device, samples, now)
             return
         if device.session.sequence.events.add(device.admission.label(samples.bridge, now), samples.n) == samples.n:
             # The number of such samples stands in the device's status.

@@ -2,11 +2,9 @@
 
 import logging
 import time
-from collections import deque
-from collections.abc import Sequence
 
 from bridge.bus.contract import BusError
-from bridge.wire.refusal import Tally
+from bridge.wire import codec
 from estimator.device.outcome import Outcome
 from estimator.device.window_summary import Second, windows
 from estimator.service.device import Device
@@ -14,53 +12,17 @@ from estimator.service.parts import Parts
 
 log = logging.getLogger(__name__)
 
-#: most device seconds summarised at once, and how long fewer of them wait for more, s
-AT_ONCE, WAIT_S = 64, 0.2
-#: most seconds that wait; beyond that the oldest are dropped, since viewers want the present
-MOST = 4096
 #: device blocks whose summaries failed are counted under this name
 FAILED = "windows failed"
-
-
-class WindowViews:
-    """Queue of finished blocks of samples (about a second each), published as window summaries for viewers.
-
-    counts: the ward's counts.
-    """
-
-    def __init__(self, counts: Tally) -> None:
-        self._counts = counts
-        self._waiting: deque[tuple[Device, Second]] = deque(maxlen=MOST)
-        self._said = float("-inf")
-
-    def take(self, device: Device, seconds: Sequence[Second]) -> None:
-        """Queue the finished blocks of a device."""
-        self._waiting.extend((device, second) for second in seconds)
-
-    def say(self, now: float) -> None:
-        """Publish summaries once AT_ONCE blocks wait or WAIT_S have passed; at most AT_ONCE blocks per call.
-
-        now: s of any steady clock. A failure is logged and counted; only BusError is raised.
-        """
-        if not self._waiting or (len(self._waiting) < AT_ONCE and now - self._said < WAIT_S):
-            return
-        self._said = now
-        due = [self._waiting.popleft() for _ in range(min(AT_ONCE, len(self._waiting)))]
-        try:
-            for (device, _), batch in zip(due, windows([second for _, second in due]), strict=True):
-                device.say_windows(batch)
-        except BusError:
-            raise  # a lost bus concerns all devices
-        except Exception:  # any failure is contained: viewers must not stop the correction
-            if self._counts.add(FAILED, len(due)) == len(due):
-                log.exception("windows could not be made (more are only counted)")
 
 
 class Outcomes:
     """Reporter of what the devices' sessions made of their samples: logs, stores and publishes it."""
 
-    def __init__(self, parts: Parts, views: WindowViews) -> None:
-        self._parts, self._views = parts, views
+    def __init__(self, parts: Parts) -> None:
+        self._parts = parts
+        #: finished blocks of samples, about a second each, to be summarised for viewers
+        self._blocks: list[tuple[Device, Second]] = []
         #: devices with a whole block to learn from, in order
         self.to_learn = dict[str, None]()
 
@@ -75,8 +37,7 @@ class Outcomes:
             if device.session.calibration is made:
                 device.repeated = None
             self._parts.record.calibration(device, made, time.monotonic())
-        if outcome.seconds:
-            self._views.take(device, outcome.seconds)
+        self._blocks += [(device, block) for block in outcome.seconds]
         for revision in outcome.revisions:
             device.say_revision(revision)
         if outcome.changed:
@@ -90,3 +51,20 @@ class Outcomes:
         """Let a device's session learn (update bias and calibration) from its finished block, if one waits."""
         if device.session.to_learn:
             self.tell(device, device.session.learn())
+
+    def say_windows(self) -> None:
+        """Publish window summaries of the finished blocks, once a round of the run loop.
+
+        A failure is logged and counted; only BusError is raised.
+        """
+        due, self._blocks = self._blocks, []
+        if not due:
+            return
+        try:
+            for (device, _), batch in zip(due, windows([block for _, block in due]), strict=True):
+                device.say("@windowed", codec.encode_windows(batch))
+        except BusError:
+            raise  # a lost bus concerns all devices
+        except Exception:  # any failure is contained: viewers must not stop the correction
+            if self._parts.counts.add(FAILED, len(due)) == len(due):
+                log.exception("windows could not be made (more are only counted)")

@@ -2,15 +2,14 @@
 
 from dataclasses import replace
 from heapq import nlargest
-from itertools import pairwise
 from math import isnan
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bridge.wire import validation
-from bridge.wire.batches import MAX_ACCEL, MAX_CELSIUS, MAX_CORRECTED, MAX_RATE, MAX_SEQUENCE, MAX_STD
-from bridge.wire.messages import BiasRevision, Status, WindowBatch
+from bridge.wire.batches import MAX_ACCEL, MAX_CELSIUS, MAX_RATE, MAX_SEQUENCE, MAX_STD
+from bridge.wire.messages import BiasRevision, Status
 from bridge.wire.revisions import MAX_ELEMENT, MAX_POINTS, MIN_POINTS
 
 MAX_SCALE, MAX_HZ, MAX_AGE_S, MAX_COUNT = 10.0, 1e6, 1e12, 2**64 - 1
@@ -64,17 +63,6 @@ def revision(said: BiasRevision) -> BiasRevision | None:
         bias=said.bias[kept],
         bias_std=np.nan_to_num(np.clip(said.bias_std[kept], 0.0, MAX_STD), nan=MAX_STD).astype(np.float32),
     )
-
-
-def windows(said: WindowBatch) -> WindowBatch | None:
-    """Check window summaries against the wire's limits; returns them unchanged, or None if a number is outside."""
-    times = said.times_ns.tolist()
-    if times[0] < 0 or times[-1] > validation.MAX_TIME_NS or any(a >= b for a, b in pairwise(times)):
-        return None
-    most = max(float(said.rate_max.max()), -float(said.rate_min.min()))
-    worst = max(*said.noise_std.tolist(), *said.bias_std.tolist(), *said.scale_std.tolist())
-    fits = most <= MAX_CORRECTED and worst <= MAX_STD and max(map(abs, said.bias.tolist())) <= MAX_RATE
-    return said if fits else None
 
 
 def _rising(numbers: NDArray[np.uint64] | NDArray[np.int64]) -> NDArray[np.bool_]:

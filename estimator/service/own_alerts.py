@@ -20,7 +20,8 @@ class OwnAlerts:
     """Alert board of an estimator, for its machine: disk, clock, certificate and backups.
 
     own: id of the estimator. standing: alerts raised before a restart. told(change): called for each change.
-    copies_fail(): whether backups are not copied to the bucket. now_s: monotonic s.
+    copies_fail(): whether backups are not copied to the bucket. now_s: monotonic s. look_up(work): runs work that may
+    wait for a disk.
     """
 
     def __init__(
@@ -32,25 +33,16 @@ class OwnAlerts:
         told: Callable[[Change], None],
         standing: Iterable[Alert],
         now_s: float,
+        look_up: Callable[[Callable[[], None]], None],
         copies_fail: Callable[[], bool] = lambda: False,
     ) -> None:
-        self._copies_fail = copies_fail
+        self._copies_fail, self._look_up = copies_fail, look_up
         self.id, self._database, self._routers, self._told = own, database, routers, told
         self.board = Board(settings, standing, now_s)
         self._next_s = 0.0
         self._machine = frozenset[Kind]()
 
-    def due(self, now: float) -> bool:
-        """Whether it is time for `look_at_machine`, every LOOK_S; a True answer starts the next interval.
-
-        now: monotonic s.
-        """
-        due = now >= self._next_s
-        if due:
-            self._next_s = now + LOOK_S
-        return due
-
-    def look_at_machine(self) -> None:
+    def _look_at_machine(self) -> None:
         """Check free disk space, clock and certificate, for the next `look`; may wait for a disk."""
         found = set[Kind]()
         if self._database.path != ":memory:":
@@ -65,6 +57,9 @@ class OwnAlerts:
 
     def look(self, now: float, time_ns: int) -> None:
         """Raise and clear the estimator's alerts, once a second. now: monotonic s. time_ns: ns since the Unix epoch."""
+        if now >= self._next_s:
+            self._next_s = now + LOOK_S
+            self._look_up(self._look_at_machine)
         found = set(self._machine)
         if self._database.trouble:
             found.add(Kind.DISK)

@@ -8,7 +8,6 @@ from bridge.wire.refusal import Tally
 from estimator.config.schema import Estimator
 from estimator.service.cluster import Cluster
 from estimator.service.device_roster import DeviceRoster
-from estimator.service.fault_isolation import FaultIsolation
 from estimator.service.store_access import StoreAccess
 
 
@@ -17,7 +16,7 @@ class Parts:
     """Shared parts of one running estimator.
 
     now_ns: the host's clock, ns since the Unix epoch. counts: the ward's counts of refused and lost messages. devices:
-    the roster. record: access to the store. guarded: runs one device's work and contains its failures.
+    the roster. record: access to the store. troubles: events of the whole estimator, in every device's status.
     """
 
     ward: str
@@ -28,4 +27,4 @@ class Parts:
     devices: DeviceRoster
     cluster: Cluster
     record: StoreAccess
-    guarded: FaultIsolation
+    troubles: dict[str, int]

@@ -17,13 +17,11 @@ from bridge.wire import keys
 from bridge.wire.messages import Placement
 from bridge.wire.refusal import Tally
 from estimator.alerts.board import Change
-from estimator.client.decoder import refused
 from estimator.config.alerts import DEFAULTS, Alerts
 from estimator.config.schema import Estimator, Ward
 from estimator.device.lifecycle import Event
 from estimator.service.boot_start import Boots
 from estimator.service.cluster import Cluster
-from estimator.service.command_handling import CommandHandler
 from estimator.service.commands import Commands
 from estimator.service.device import Device
 from estimator.service.device_loss import DeviceLoss
@@ -31,12 +29,11 @@ from estimator.service.device_roster import DeviceRoster
 from estimator.service.device_start import DeviceStarts
 from estimator.service.enrolment_gate import EnrolmentGate, Notices
 from estimator.service.entrance import Entrance, Newcomers
-from estimator.service.fault_isolation import FaultIsolation
 from estimator.service.forgetting import Forgetting
 from estimator.service.health import ServiceHealth
 from estimator.service.intake import Intake
-from estimator.service.outcomes import Outcomes, WindowViews
-from estimator.service.overload import OVERLOADED, Overload
+from estimator.service.outcomes import Outcomes
+from estimator.service.overload import OVERLOADED, UNKEPT, Overload
 from estimator.service.own_alerts import OwnAlerts
 from estimator.service.parts import Parts
 from estimator.service.periodic_checks import PeriodicChecks
@@ -45,6 +42,7 @@ from estimator.service.quota import FLOODED, Quotas
 from estimator.service.replay_log import Resumed
 from estimator.service.store import Store
 from estimator.service.store_access import StoreAccess
+from estimator.service.store_care import StoreCare
 from estimator.service.store_writer import StoreWriter
 from estimator.service.takeover import Takeover
 
@@ -94,36 +92,28 @@ class Service:
     ) -> None:
         self.ward, self.settings, self._file = ward, settings, file
         self.counts = Tally()
-        self._bus, self._now_ns, self._store_path, self._send = bus, now_ns, store.path, send
+        self._bus, self._now_ns = bus, now_ns
         self._cluster = Cluster(ward, settings.id, bus, now_ns, self.counts, peers)
-        self._guarded = FaultIsolation(self.counts)
+        self._devices = DeviceRoster(self.counts, settings.silence_s)
+        self._store, self._clerk = store, clerk or StoreWriter(store.database, thread=False)
+        self._care = StoreCare(store, now_ns, self._clerk)
         self._record = StoreAccess(
-            store,
-            self.counts,
-            now_ns,
-            clerk,
-            self._cluster.replicas,
-            self._cluster.tell,
-            lambda: self._cluster.membership.highest,
-            self._guarded,
+            store, self.counts, now_ns, self._clerk, self._cluster.replicas, self._cluster.tell, self._devices.guard
         )
-        self._cluster.membership.hear(self._record.epoch())
+        self._cluster.membership.hear(store.epoch())
         self._send, self._sends = send, sends
         now = time.monotonic()
         standing = self._record.standing(settings.id)
         routers = vitals.routers if vitals else Routers(())
         self._own_alerts = OwnAlerts(
-            settings.id, alerts, store.database, routers, self._alerted, standing, now, copies_fail
+            settings.id, alerts, store.database, routers, self._alerted, standing, now, self._clerk.look_up, copies_fail
         )
-        self._devices = DeviceRoster(self.counts, settings.silence_s)
-        parts = Parts(
-            ward, settings, bus, now_ns, self.counts, self._devices, self._cluster, self._record, self._guarded
-        )
+        parts = Parts(ward, settings, bus, now_ns, self.counts, self._devices, self._cluster, self._record, {})
+        self._troubles = parts.troubles
         resumed = Resumed(self._record.reached(), now)
         self._stock = PeriodicChecks(self._devices, self.counts, vitals or ServiceHealth())
         boots = Boots(parts)
-        self._views = WindowViews(self.counts)
-        self._outcomes = Outcomes(parts, self._views)
+        self._outcomes = Outcomes(parts)
         self._starts = DeviceStarts(parts, boots, resumed, self._outcomes.tell, alerts, listed=enrolment is not None)
         self._missing_s = now + MISSING_S
         self._intake = Intake(parts, boots, self._stock, resumed, self._outcomes.tell, self._starts)
@@ -138,18 +128,14 @@ class Service:
         self._lost = DeviceLoss(self._devices, self._presence, self._gate, self._quotas, settings.silence_s)
         #: devices due for the once-a-second work, in order
         self._to_look = dict[str, None]()
-        self._forgetting = forgetting = Forgetting(parts, self._gate, self._presence, self._stock)
-        self._orders = CommandHandler(parts, self._gate, self._own_alerts, forgetting)
-        self._commands = Commands(
-            self._cluster.answers, lambda reason: self.counts.add(f"commands {reason}"), forgetting.overhear
-        )
+        self._forgetting = Forgetting(parts, self._gate, self._presence, self._stock)
+        self._commands = Commands(parts, self._gate, self._own_alerts, self._forgetting)
         #: when the present round began, when the last once-a-second work did, and when the next is due
         self._began, self._looked, self._next_status = now, now, 0.0
-        self._router = RouterWatch(log, STATUS_S, vitals.routers if vitals else None)
+        self._router = RouterWatch(log, vitals.routers if vitals else None)
         # The full past would delay an estimator beside others, and they have corrected it.
         past = PAST_IN_COMPANY if peers else None
         self._raw = bus.subscribe(keys.pattern(ward, "raw"), history=True, capacity=QUEUE, most_past=past)
-        self._cluster.on_token = self._raw.wake
         self._info = bus.subscribe(keys.pattern(ward, "info"), history=True, prompt=False)
         self._declared = [
             bus.answer(keys.pattern(ward, "rpc"), self._commands.ask),
@@ -160,7 +146,7 @@ class Service:
 
     def run(self, stop: threading.Event) -> None:
         """Serve until `stop` is set; then correct the last samples, store the biases and leave the bus."""
-        log.info("estimator %s serves ward %s, store %s", self.settings.id, self.ward, self._store_path)
+        log.info("estimator %s serves ward %s, store %s", self.settings.id, self.ward, self._store.path)
         while not stop.is_set():
             self.step(0.05)
         deadline = time.monotonic() + DRAIN_S
@@ -169,8 +155,8 @@ class Service:
         self.work()
         now = time.monotonic()
         for device in self._devices.values():
-            self._guarded(device, partial(self._record.checkpoint, device, now, force=True, whole=True))
-        self._record.close()
+            self._devices.guard(device, partial(self._record.checkpoint, device, now, force=True, whole=True))
+        self._clerk.close()
         self._stock.log(now, self._count_all(), last=True)
         self._takeover.tidy(math.inf)
         for thing in (
@@ -200,12 +186,12 @@ class Service:
         ours, others = self._entrance.sort(messages, began)
         ours += self._takeover.take(others, began)
         self._intake.take(self._quotas.round(ours))
-        self._commands.work(self._orders.do)
+        self._commands.work()
         now = time.monotonic()
         if self._file and (new := self._file.look(now)):
             self._take_settings(new)
         self._record.collect(now)
-        self._views.say(now)
+        self._outcomes.say_windows()
         if now >= self._next_status:
             self._next_status = now + STATUS_S
             self._every_second(now)
@@ -218,7 +204,7 @@ class Service:
         for waiting, do in ((self._outcomes.to_learn, self._outcomes.learn), (self._to_look, self._look_after)):
             while waiting:
                 if (device := self._devices.get(name := next(iter(waiting)))) is not None:
-                    self._guarded(device, do, device)
+                    self._devices.guard(device, do, device)
                 waiting.pop(name, None)
                 if time.monotonic() >= until:
                     return
@@ -264,13 +250,10 @@ class Service:
         over_s = self._overload.look(now)
         if over_s:
             self.counts.add(f"{OVERLOADED}, seconds")
-        for device in self._devices.values():
-            device.overloaded_s, device.unkept = over_s, bool(self._record.trouble)
+        self._troubles |= {OVERLOADED: over_s, UNKEPT: int(bool(self._record.trouble))}
         self._to_look |= dict.fromkeys(self._devices)
         self._cluster.look_round(now, self._devices.keys() | self._quotas.devices())
-        self._record.tend(now)
-        if self._own_alerts.due(now):
-            self._record.look_up(self._own_alerts.look_at_machine)
+        self._care.tend(now, self._cluster.membership.highest)
         self._own_alerts.look(now, self._now_ns())
         self._cluster.alerts = self._own_alerts.board.standing
         counts = self._count_all()
@@ -306,5 +289,8 @@ class Service:
 
     def _count_all(self) -> dict[str, int]:
         missed = {"sample messages missed": self._raw.missed, "info messages missed": self._info.missed}
-        met = refused(*self._intake.decoders, *self._cluster.decoders) | self.counts.as_dict()
-        return met | {label: n for label, n in missed.items() if n}
+        missed |= {
+            "store failed": self._store.database.failures,
+            "damage in the store": len(self._store.database.notes),
+        }
+        return self.counts.as_dict() | {label: n for label, n in missed.items() if n}

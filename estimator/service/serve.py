@@ -2,17 +2,14 @@
 
 import gc
 import logging
-import threading
-from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack, closing
+from functools import partial
 from importlib import import_module
 
 from bridge.bucket.bucket import Bucket
 from bridge.bucket.mirror import Mirror
 from bridge.bus.access_self_test import self_test
-from bridge.bus.contract import Bus, BusError, Declared
-from bridge.bus.routers import Routers
 from bridge.bus.startup import claim_id, wait_for_router
 from bridge.config.schema import listening
 from bridge.config.ward_file import WardFile
@@ -23,7 +20,7 @@ from bridge.runtime.signals import stopped_by_signal
 from estimator.alerts.sender import Sender
 from estimator.config.alerts import Alerts
 from estimator.config.schema import Ward
-from estimator.database import Backups, Database, StoreError
+from estimator.database import Backups, Database
 from estimator.database.backups import copies_of, name_of_copy
 from estimator.database.owner import owned
 from estimator.kernels.compiled import ready
@@ -56,16 +53,8 @@ def run(ward: Ward, file: WardFile[Ward] | None = None) -> None:
     vitals = ServiceHealth(expects=bool(ward.bridge and ward.bridge.devices), routers=routers)
     with stopped_by_signal() as stop, ExitStack() as stack:
         if ward.estimator.health:
-            try:
-                stack.enter_context(HealthServer(listening(ward.estimator.health), vitals.asked))
-            except OSError:
-                _look_for_another(ward.ward, routers, ward.estimator.id, stop)  # a second estimator would be the reason
-                raise
-        try:
-            stack.enter_context(owned(ward.estimator.store))
-        except StoreError:
-            _look_for_another(ward.ward, routers, ward.estimator.id, stop)  # a second estimator would be the reason
-            stack.enter_context(owned(ward.estimator.store))  # the other process may have been just ending
+            stack.enter_context(HealthServer(listening(ward.estimator.health), vitals.asked))
+        stack.enter_context(owned(ward.estimator.store))
         stack.enter_context(supervised(vitals.sick))
         database = Database(ward.estimator.store, patient=True, alone=True, backups=ward.estimator.backups)
         stack.callback(database.close)
@@ -78,11 +67,12 @@ def run(ward: Ward, file: WardFile[Ward] | None = None) -> None:
         if file is not None:
             stack.enter_context(closing(file.answer(bus, routers, Role.ESTIMATOR, ward.estimator.id)))
         others = set[str]()
-        stack.enter_context(closing(look_round(bus, ward.ward, ward.estimator.id, _load_service, others.add)))
+        load = partial(import_module, "estimator.service.run_loop")  # while others answer
+        stack.enter_context(closing(claim_id(bus, ward.ward, "estimator", ward.estimator.id, others.add, load)))
         kernels.result()
-        from estimator.service.run_loop import Service  # noqa: PLC0415
-        from estimator.service.store import Store  # noqa: PLC0415
-        from estimator.service.store_writer import StoreWriter  # noqa: PLC0415 - see _load_service
+        from estimator.service.run_loop import Service  # noqa: PLC0415 - loaded above
+        from estimator.service.store import Store  # noqa: PLC0415 - as above
+        from estimator.service.store_writer import StoreWriter  # noqa: PLC0415 - as above
 
         out = Sender(ward.ward, ward.alerts)
         stack.callback(out.close)
@@ -120,17 +110,6 @@ def copied(ward: Ward) -> Mirror | None:
     return Mirror(Bucket(ward.s3, ward.ward), copies_of(ward.estimator.id), backups.newest_first, name_of_copy)
 
 
-def _look_for_another(ward: str, routers: Routers, own: str, stop: threading.Event) -> None:
-    """Raise BusError where an estimator with our own id runs already; an unreachable router is ignored here."""
-    try:
-        bus = wait_for_router(routers, stop, patient=False)
-    except BusError:
-        return
-    if bus is not None:
-        with bus:
-            look_round(bus, ward, own).close()
-
-
 def _load() -> Future[None]:
     """Load the compiled kernels on a thread, then the modules for learning; returns the kernels' future."""
     gc.set_threshold(_CYCLES)
@@ -140,23 +119,3 @@ def _load() -> Future[None]:
         loader.submit(import_module, part)
     loader.shutdown(wait=False)
     return kernels
-
-
-def _load_service() -> None:
-    """Import the service while waiting for messages of others."""
-    import_module("estimator.service.run_loop")
-
-
-def look_round(
-    bus: Bus,
-    ward: str,
-    own: str,
-    meanwhile: Callable[[], None] = lambda: None,
-    another: Callable[[str], object] = lambda _: None,
-) -> Declared:
-    """Claim this estimator's id in the ward and watch the other estimators; calls another(id) for each.
-
-    meanwhile: work to do during the wait for others. Returns the handle of the watch. Raises BusError when another
-    estimator has our own id.
-    """
-    return claim_id(bus, ward, "estimator", own, another, meanwhile)

@@ -23,7 +23,6 @@ from estimator.service.checkpoints import Checkpoints, calibrated
 from estimator.service.device import Device
 from estimator.service.earlier_boots import EarlierBoots
 from estimator.service.store import Store
-from estimator.service.store_care import StoreCare
 from estimator.service.store_writer import StoreWriter
 
 log = logging.getLogger(__name__)
@@ -44,7 +43,7 @@ class StoreAccess:
     """Reads and writes of the ward's store for the service; no method raises StoreError.
 
     clerk: the store's thread. replicas: checkpoints from other estimators. tell(device): publishes its checkpoint.
-    highest(): the highest known epoch. guarded: runs one device's work and contains its failures.
+    guard(device, work): runs one device's work and contains its failures.
     """
 
     def __init__(
@@ -52,15 +51,13 @@ class StoreAccess:
         store: Store,
         counts: Tally,
         now_ns: Callable[[], int],
-        clerk: StoreWriter | None = None,
-        replicas: Checkpoints | None = None,
-        tell: Callable[[Device], None] = lambda _: None,
-        highest: Callable[[], int] = lambda: 0,
-        guarded: Callable[[Device, Callable[[], None]], object] = lambda _, work: work(),
+        clerk: StoreWriter,
+        replicas: Checkpoints,
+        tell: Callable[[Device], None],
+        guard: Callable[[Device, Callable[[], None]], object],
     ) -> None:
-        self._replicas, self._tell, self._guarded = replicas or Checkpoints(0), tell, guarded
-        self._store, self._counts, self._now_ns = store, counts, now_ns
-        self._clerk = clerk or StoreWriter(store.database, thread=False)
+        self._replicas, self._tell, self._guard = replicas, tell, guard
+        self._store, self._counts, self._now_ns, self._clerk = store, counts, now_ns, clerk
         #: calibrations not on disk yet, by id, in order of creation
         self._pending: dict[str, Calibration] = {}
         self.earlier = EarlierBoots(store, self._replicas, self._clerk, now_ns, self._of_device)
@@ -69,7 +66,6 @@ class StoreAccess:
         #: deadlines, monotonic s, with what is then done at the latest: publish a calibration, answer a command
         self._due: deque[tuple[float, Callable[[], None]]] = deque()
         self._known = store.calibrated_devices()
-        self._care = StoreCare(store, counts, now_ns, self._clerk, highest, self._write)
 
     @property
     def trouble(self) -> str:
@@ -82,18 +78,6 @@ class StoreAccess:
         while self._due and (self._due[0][0] <= now or self.trouble):
             _, do = self._due.popleft()
             do()
-
-    def close(self) -> None:
-        """Write what waits, for a bounded time, and stop the store's thread."""
-        self._clerk.close()
-
-    def tend(self, now: float) -> None:
-        """Once a second, at `now` monotonic s: start the store's regular work, such as backups (StoreCare)."""
-        self._care.tend(now)
-
-    def look_up(self, read: Callable[[], None]) -> None:
-        """Call read() on the store's thread, since it may wait for the disk."""
-        self._clerk.look_up(read)
 
     def knows(self, device: str) -> bool:
         """Whether a calibration of a device was stored before this estimator started."""
@@ -109,8 +93,9 @@ class StoreAccess:
         """
         if device.repeated == boot:
             return None  # all of it belongs to another power-up
-        said = self._replicas.calibration(device.name, boot)
-        before = self._store.made_before(device.name, boot)
+        known, before = self._replicas.of(device.name), self._store.made_before(device.name, boot)
+        said = calibrated(known) if known is not None and known.boot == boot else None
+        repeated = known is not None and known.boot == boot and known.boot_repeated and said is None
         if said is not None and before.has(said):
             said = None  # its sender has not heard of the repeated boot number
         pending = [c for c in self._of_device(device.name) if c.boot == boot]
@@ -123,7 +108,7 @@ class StoreAccess:
             ours = self._store.recall(device.name, boot, self._now_ns())
             same = ours is not None and ours.calibration is not None and ours.calibration.id == (later or said).id
             return ours if same else PriorKnowledge(later or said, None)
-        if self._replicas.repeated(device.name, boot):
+        if repeated:
             self.repeat(device, boot)
             return None
         ours = self._store.recall(device.name, boot, self._now_ns())
@@ -187,7 +172,7 @@ class StoreAccess:
 
     def _let_go(self, device: Device, calibration: str) -> None:
         if device.let_go(calibration):
-            self._guarded(device, lambda: device.say_status(self._now_ns()))
+            self._guard(device, lambda: device.say_status(self._now_ns()))
 
     def _of_device(self, name: str) -> list[Calibration]:
         """Calibrations of a device that are not on disk yet, in order."""
@@ -248,10 +233,6 @@ class StoreAccess:
         By device: boot, host time of its last stored bias in ns since the Unix epoch, and bridge (empty if unknown).
         """
         return self._store.last_run(round(2e9 * CHECKPOINT_S))
-
-    def epoch(self) -> int:
-        """Highest ownership epoch stored before this estimator started; 0 if none."""
-        return self._care.stored_epoch()
 
     def checkpoint(self, device: Device, now: float, *, force: bool = False, whole: bool = False) -> None:
         """Every CHECKPOINT_S: publish a device's checkpoint and store its bias, where known. now: monotonic s.
@@ -336,19 +317,33 @@ class StoreAccess:
         """Whether the store has entries of a device."""
         return device in self._store.devices()
 
+    def remember(self, key: keys.Key, reply: CommandReply) -> None:
+        """Keep the reply to a command among the last few of its device, also for other estimators."""
+        self._replicas.answer(key.device, ((key.ids["verb"], reply),))
+
     def audit(
-        self, device: Device | None, key: keys.Key, command: Command, reply: CommandReply, kept: Callable[[], None]
+        self,
+        device: Device | None,
+        key: keys.Key,
+        command: Command,
+        reply: CommandReply,
+        answer: Callable[[CommandReply], None],
     ) -> None:
         """Record a command with its reply: tell the other estimators, and write it to the audit.
 
-        device: None if it is not known any more; the other estimators are not told then. kept() is called once the
-        entry is on disk, or after half a second of a failing disk.
+        device: None if it is not known any more; the other estimators are not told then. answer(reply) is called once
+        the entry is on disk, or after half a second of a failing disk.
         """
+        self.remember(key, reply)
         if device is not None:
-            self._replicas.answer(device.name, ((key.ids["verb"], reply),))
             self._tell(device)
         row = (key.device, key.ids["verb"], command.request_id, command.who, command.reason, reply.message)
-        time_ns = self._now_ns()
+        time_ns, unanswered = self._now_ns(), [answer]
+
+        def kept() -> None:
+            while unanswered:
+                unanswered.pop()(reply)
+
         self._due.append((time.monotonic() + HELD_S, kept))
         self._write(lambda: self._store.add_audit(time_ns, *row, accepted=reply.accepted), kept)
 

@@ -12,7 +12,7 @@ from estimator.database import Database, Row
 from estimator.device.prior_knowledge import PriorKnowledge
 from estimator.device.restore_key import differing
 from estimator.service.retention import BOOTS, POINTS
-from estimator.service.store_rows import Before, calibrations_in, kept_in, read_sentences, repeat_request
+from estimator.service.store_rows import Before, Kept, calibrations_in, kept_in, read_sentences, repeat_request
 from estimator.tracking.temperature_learning import Points
 
 #: audit verb for a boot number that another power-up had before
@@ -92,22 +92,22 @@ class StoreReader:
 
         now_ns: host time, ns since the Unix epoch, for the age of the bias. None if neither is stored.
         """
-        calibration = self.calibrated(device, boot)
-        for row in self.database.rows("bias", "device = ? AND boot = ?", (device, keys.boot_id(boot))):
-            if (kept := kept_in(row)) is not None:
-                age_s = (now_ns - row["time_ns"]) / 1e9
-                found = PriorKnowledge(calibration, kept.state(), age_s, kept.doubted, kept.asked)
-                if calibration is not None and kept.calibration != calibration.id:
-                    return found.under(calibration)
-                return found
-        return None if calibration is None else PriorKnowledge(calibration, None)
+        calibration, (kept, time_ns) = self.calibrated(device, boot), self._kept(device, boot)
+        if kept is None:
+            return None if calibration is None else PriorKnowledge(calibration, None)
+        found = PriorKnowledge(calibration, kept.state(), (now_ns - time_ns) / 1e9, kept.doubted, kept.asked)
+        return found if calibration is None or kept.calibration == calibration.id else found.under(calibration)
 
     def session(self, device: str, boot: int) -> tuple[bytes, str]:
         """Session of this boot as bytes, saved at an orderly stop, and its bridge's id; both empty if not saved."""
+        kept, _ = self._kept(device, boot)
+        return (b"", "") if kept is None else (kept.session, kept.bridge)
+
+    def _kept(self, device: str, boot: int) -> tuple[Kept | None, int]:
+        """Bias stored last in this boot, None if there is none, and its host time, ns."""
         for row in self.database.rows("bias", "device = ? AND boot = ?", (device, keys.boot_id(boot))):
-            if (kept := kept_in(row)) is not None:
-                return kept.session, kept.bridge
-        return b"", ""
+            return kept_in(row), row["time_ns"]
+        return None, 0
 
     def calibrated(self, device: str, boot: int) -> Calibration | None:
         """Latest calibration of this boot, or None."""

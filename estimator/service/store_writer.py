@@ -8,7 +8,9 @@ import logging
 import threading
 from collections import deque
 from collections.abc import Callable
+from functools import partial
 from itertools import islice
+from typing import Any, TypeVar
 
 from estimator.database import Damaged, Database, StoreError, Unavailable
 
@@ -25,6 +27,7 @@ RETRY_S = 5.0
 #: longest wait for the last writes at the end, s
 PATIENCE_S = 10.0
 
+T = TypeVar("T")
 Write = Callable[[], None]
 #: called with the error, or with None after the commit
 Done = Callable[[StoreError | None], None]
@@ -39,10 +42,10 @@ class StoreWriter:
     def __init__(self, database: Database, *, thread: bool = True) -> None:
         self._database = database
         self._waiting: deque[tuple[Write, Done]] = deque()
-        self._finished: deque[tuple[Done, StoreError | None]] = deque()
+        self._finished: deque[Callable[[], None]] = deque()
         self._more = threading.Condition()
         self._urgent = self._closing = False
-        self._reads: deque[tuple[Write, Done]] = deque()
+        self._reads: deque[tuple[Callable[[], Any], Callable[[Any], None]]] = deque()
         self._thread = threading.Thread(target=self._run, name="store", daemon=True) if thread else None
         if self._thread is not None:
             self._thread.start()
@@ -70,25 +73,24 @@ class StoreWriter:
             self._write_all()
             self.collect()
 
-    def look_up(self, read: Write, done: Done = lambda _: None) -> None:
+    def look_up(self, read: Callable[[], T], then: Callable[[T], None] = lambda _: None) -> None:
         """Queue read(), a long read or a backup, on the store's thread; writes marked `soon` come first.
 
-        done(error) is called in `collect`, with None for success. After close nothing is read.
+        then(found) is called in `collect` with what was read; a failure is logged. After close nothing is read.
         """
-        if self._thread is None:
-            done(_looked_up(read))
-            return
         with self._more:
-            self._reads.append((read, done))
+            self._reads.append((read, then))
             self._more.notify()
+        if self._thread is None:
+            self._read_next()
+            self.collect()
 
     def collect(self) -> None:
         """Call `done` of every finished write and read, on the caller's thread."""
         if self._thread is None and self._waiting:
             self._write_all()
         while self._finished:
-            done, error = self._finished.popleft()
-            done(error)
+            self._finished.popleft()()
 
     def close(self) -> None:
         """Execute the waiting writes for at most PATIENCE_S, then end; writes that remain are lost and logged."""
@@ -102,7 +104,7 @@ class StoreWriter:
         if self._waiting:
             log.error("store %s: the disk fails or does not answer; the last entries are lost", self._database.path)
             lost = StoreError(f"store {self._database.path}: the disk fails or does not answer")
-            self._finished += [(done, lost) for _, done in self._waiting]
+            self._finished += [partial(done, lost) for _, done in self._waiting]
         self.collect()
 
     def _run(self) -> None:
@@ -118,11 +120,19 @@ class StoreWriter:
             if self._closing and not (wrote and self._waiting):
                 return
             while self._reads and not self._urgent and not self._closing:
-                read, done = self._reads.popleft()
-                self._finished.append((done, _looked_up(read)))
+                self._read_next()
             if not wrote:
                 with self._more:
                     self._more.wait_for(lambda: self._closing, timeout=RETRY_S)
+
+    def _read_next(self) -> None:
+        read, then = self._reads.popleft()
+        try:
+            found = read()
+        except Exception:
+            log.exception("a read of the store failed")
+        else:
+            self._finished.append(partial(then, found))
 
     def _write_all(self) -> bool:
         """Execute the waiting writes in transactions; returns False when the disk fails."""
@@ -136,12 +146,12 @@ class StoreWriter:
                 return False
             for (_, done), error in zip(part, errors, strict=True):
                 self._waiting.popleft()
-                self._finished.append((done, error))
+                self._finished.append(partial(done, error))
         return True
 
 
 def _tried(work: Write) -> StoreError | None:
-    """Run one write or read and return its own error; errors of the whole store are raised."""
+    """Run one write and return its own error; errors of the whole store are raised."""
     try:
         work()
     except (Damaged, Unavailable):
@@ -153,10 +163,3 @@ def _tried(work: Write) -> StoreError | None:
         log.exception("a write to the store failed")
         return StoreError(f"a write to the store failed: {error!r}")
     return None
-
-
-def _looked_up(read: Write) -> StoreError | None:
-    try:
-        return _tried(read)
-    except StoreError as error:
-        return error

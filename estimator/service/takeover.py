@@ -78,7 +78,7 @@ class Takeover:
         self._quotas.drop(names)  # the new owner has these messages in its replay log
         leaving = [device for name in names if (device := self._parts.devices.get(name)) is not None]
         for device in leaving:
-            self._parts.guarded(device, self._learn, device)
-            self._parts.guarded(device, partial(self._parts.record.checkpoint, device, now, force=True))
+            self._parts.devices.guard(device, self._learn, device)
+            self._parts.devices.guard(device, partial(self._parts.record.checkpoint, device, now, force=True))
         self._checks.remove(leaving)
         self._left += [(now + LINGER_S, publisher) for device in leaving for publisher in device.leave()]

@@ -28,7 +28,6 @@ from bridge.recording.recorder import WardRecorder
 from bridge.recording.settings import Recorder
 from bridge.wire import codec, keys
 from bridge.wire.messages import SampleBatch
-from bridge.wire.refusal import Tally
 from estimator.cli.main import main as truerate
 from estimator.database import Backups, Database
 from estimator.service.store import Store
@@ -72,7 +71,7 @@ def month(folder: Path) -> dict[str, float]:
     store, backups = Store(database), Backups.of(folder / "a.sqlite3")
     clock = [BEGIN_S]
     clerk = StoreWriter(database, thread=False)
-    care = StoreCare(store, Tally(), lambda: clock[0] * 10**9, clerk, lambda: 1, lambda write: write())
+    care = StoreCare(store, lambda: clock[0] * 10**9, clerk)
     most, oldest_s, known, vanished, restored = 0, 0.0, set[Path](), set[Path](), 0
     recorder.begin(clock[0] * 10**9, 0.0)
     with mock.patch("estimator.database.database.time.time", side_effect=lambda: clock[0]):
@@ -83,7 +82,7 @@ def month(folder: Path) -> dict[str, float]:
             for later_s in (0, 60):  # a look for expired files follows each new file within a minute
                 recorder.tick((clock[0] + later_s) * 10**9, now_s + later_s)
             store.add_audit(clock[0] * 10**9, "chest", "note", f"r{hour}", "nurse", "", free("an hour"), accepted=True)
-            care.tend(now_s)
+            care.tend(now_s, 1)
             there = {path for path in (*recordings.iterdir(), *backups.newest_first()) if path.suffix != ".part"}
             for path in there - known:
                 os.utime(path, (clock[0], clock[0]))  # the system's clock is the real one

@@ -57,9 +57,6 @@ class Before:
         drained, self.messages = self.messages[:limit], self.messages[limit:]
         return drained
 
-    def wake(self) -> None:
-        pass
-
     def close(self) -> None:
         pass
 

@@ -1,6 +1,5 @@
 """Questions and answers."""
 
-import logging
 import threading
 import time
 from collections.abc import Callable
@@ -79,16 +78,9 @@ def test_a_handler_that_raises_is_heard_of_on_both_sides(a: Bus, b: Bus, caplog:
             raise ValueError("out of turns")
         reply(b"fine")
 
-    caplog.set_level(logging.DEBUG)
     b.answer("q/bad", handler)
     eventually(lambda: answered(a, "q/bad"))
     with pytest.raises(BusError, match="ValueError: out of turns"):
         a.ask("q/bad", b"")
     assert a.ask("q/bad", b"good") == b"fine"
-
-    def levels() -> list[str]:
-        return [r.levelname for r in caplog.records if r.name == "bridge.bus.handlers"]
-
-    eventually(lambda: levels()[-1] == "INFO")  # the answerer logs after its reply has left
-    assert levels().count("ERROR") == 1
-    assert levels().count("DEBUG") >= 1
+    assert "the handler of queries on q/bad failed" in caplog.text

@@ -1,7 +1,6 @@
 """Messages: in order and once, a queue that is full, waiting for one."""
 
 import threading
-import time
 
 import pytest
 
@@ -64,19 +63,6 @@ def test_a_publisher_knows_whether_it_is_wanted(a: Bus, b: Bus) -> None:
     for one in (everything, other):
         one.close()
     plain.close()
-
-
-def test_a_reader_waiting_is_woken_once_and_misses_nothing(a: Bus) -> None:
-    publisher, subscription = a.publisher("t/woken"), a.subscribe("t/woken")
-    meet(publisher, subscription)
-    began = time.monotonic()
-    threading.Timer(0.1, subscription.wake).start()
-    assert not subscription.drain(5, 90.0)
-    subscription.wake()  # before it waits
-    assert not subscription.drain(5, 90.0)
-    assert time.monotonic() - began < 60.0
-    publisher.put(b"7")
-    assert numbers(subscription.drain(5, 20.0)) == [7]
 
 
 @pytest.mark.parametrize("cache", [0, 5000])

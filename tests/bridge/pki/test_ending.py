@@ -55,7 +55,7 @@ def test_an_end_within_days_is_said_by_who_looks_through_files(
 def test_who_is_not_let_in_any_more_says_why_that_may_be(
     days: float, why: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    watched = RouterWatch(logging.getLogger("here"), 1.0, Holder(tmp_path, days).routers)
+    watched = RouterWatch(logging.getLogger("here"), Holder(tmp_path, days).routers)
     for now in range(60):
         watched.look(now, connected=not 10 <= now < 50)
     assert [why in words for words in caplog.messages] == [False, True]

@@ -1,6 +1,8 @@
 """What is encoded is decoded back."""
 
 import dataclasses
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -8,16 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bridge.wire import codec, truerate_pb2
-from bridge.wire.messages import (
-    Calibration,
-    Checkpoint,
-    Command,
-    CommandReply,
-    DeviceInfo,
-    Note,
-    Owned,
-    Status,
-)
+from bridge.wire.messages import Command, CommandReply, Note
 from bridge.wire.refusal import Reason
 from tests.bridge.wire.drawn import (
     CALIBRATION,
@@ -46,19 +39,26 @@ from tests.bridge.wire.drawn import (
 )
 from tests.bridge.wire.examples import FIXED, SEEN, assert_same, refused
 
+KINDS: dict[str, tuple[str, Callable[[st.DataObject], Any]]] = {
+    "samples": (RAW, samples),
+    "corrected": (CORRECTED, corrected),
+    "info": (INFO, lambda data: data.draw(INFOS)),
+    "status": (STATUS, lambda data: data.draw(STATUSES)),
+    "calibration": (CALIBRATION, lambda data: data.draw(calibrations())),
+    "revision": (REVISION, revision),
+    "owned": (OWN, lambda data: data.draw(OWNED)),
+    "checkpoint": (CHECKPOINT, lambda data: data.draw(checkpoints())),
+    "note": (NOTE, lambda data: data.draw(st.builds(Note, st.just("d1"), U64, TIME, TEXT, TEXT))),
+}
 
+
+@pytest.mark.parametrize("kind", KINDS)
 @settings(max_examples=20)
-@given(st.data())
-def test_samples_round_trip(data: st.DataObject) -> None:
-    batch = samples(data)
-    assert_same(codec.decode_samples(RAW, codec.encode_samples(batch)), batch)
-
-
-@settings(max_examples=20)
-@given(st.data())
-def test_corrected_round_trip(data: st.DataObject) -> None:
-    batch = corrected(data)
-    assert_same(codec.decode_corrected(CORRECTED, codec.encode_corrected(batch)), batch)
+@given(data=st.data())
+def test_a_message_is_decoded_as_it_was(kind: str, data: st.DataObject) -> None:
+    key, drawn = KINDS[kind]
+    message = drawn(data)
+    assert_same(getattr(codec, f"decode_{kind}")(key, getattr(codec, f"encode_{kind}")(message)), message)
 
 
 @settings(max_examples=20)
@@ -84,49 +84,6 @@ def test_rates_that_are_none_are_refused(rate: np.ndarray, reason: Reason) -> No
     bad = codec.encode_corrected(dataclasses.replace(FIXED, rate=rate.astype(np.float32)))
     assert refused(bad, CORRECTED, codec.decode_rates) is reason
     assert refused(bad, RAW, codec.decode_rates) is Reason.BAD_KEY
-
-
-@settings(max_examples=20)
-@given(INFOS)
-def test_info_round_trip(info: DeviceInfo) -> None:
-    assert codec.decode_info(INFO, codec.encode_info(info)) == info
-
-
-@settings(max_examples=20)
-@given(STATUSES)
-def test_status_round_trip(status: Status) -> None:
-    assert codec.decode_status(STATUS, codec.encode_status(status)) == status
-
-
-@settings(max_examples=20)
-@given(calibrations())
-def test_calibration_round_trip(calibration: Calibration) -> None:
-    assert_same(codec.decode_calibration(CALIBRATION, codec.encode_calibration(calibration)), calibration)
-
-
-@settings(max_examples=20)
-@given(st.data())
-def test_revision_round_trip(data: st.DataObject) -> None:
-    one = revision(data)
-    assert_same(codec.decode_revision(REVISION, codec.encode_revision(one)), one)
-
-
-@settings(max_examples=20)
-@given(OWNED)
-def test_owned_round_trip(owned: Owned) -> None:
-    assert codec.decode_owned(OWN, codec.encode_owned(owned)) == owned
-
-
-@settings(max_examples=20)
-@given(checkpoints())
-def test_checkpoint_round_trip(checkpoint: Checkpoint) -> None:
-    assert_same(codec.decode_checkpoint(CHECKPOINT, codec.encode_checkpoint(checkpoint)), checkpoint)
-
-
-@settings(max_examples=20)
-@given(st.builds(Note, st.just("d1"), U64, TIME, TEXT, TEXT))
-def test_note_round_trip(note: Note) -> None:
-    assert codec.decode_note(NOTE, codec.encode_note(note)) == note
 
 
 @settings(max_examples=20)

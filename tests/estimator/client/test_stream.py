@@ -156,11 +156,8 @@ def test_closing_ends_a_loop_that_waits(world: World, by_client: bool) -> None:
     bus.close()
 
 
-def test_without_a_router_it_is_said_that_one_is_looked_for_and_the_error_says_what_to_do(
-    caplog: pytest.LogCaptureFixture,
-) -> None:
+def test_without_a_router_the_error_says_what_to_do() -> None:
     with pytest.raises(
         BusError, match=r"no router answered at tcp/127\.0\.0\.1:1 .*start one with `truerate router --listen tcp"
     ):
         Client(("tcp/127.0.0.1:1",), ward=WARD)
-    assert caplog.messages == ["looking for a router at tcp/127.0.0.1:1"]

@@ -48,7 +48,7 @@ class TestCommand:
             self.bus.declare_alive(keys.build("w", "alive/estimator", estimator=name))
             put = self.bus.publisher(keys.build("w", "owned", estimator=name), cache=1).put
             put(codec.encode_owned(owned(name, *devices, epoch=2**57 + 3)))
-        monkeypatch.setattr("estimator.client.connection.ZenohBus", lambda _: MemoryBus(broker))
+        monkeypatch.setattr("estimator.client.client.ZenohBus", lambda _: MemoryBus(broker))
         monkeypatch.setattr(Client.owned, "__defaults__", (0.1,))
 
     def test_it_says_who_has_how_many_and_what_moved(self, capsys: pytest.CaptureFixture[str]) -> None:

@@ -16,7 +16,7 @@ from estimator.alerts.board import Change
 from estimator.config.alerts import Alerts
 from estimator.config.schema import Estimator
 from estimator.device.attention import Kind
-from estimator.service.own_alerts import OwnAlerts
+from estimator.service.own_alerts import LOOK_S, OwnAlerts
 from estimator.service.run_loop import Service
 from estimator.service.store import Store
 from tests.estimator.memory_ward import Ward
@@ -120,12 +120,13 @@ def test_an_estimators_own_troubles(tmp_path: Path, monkeypatch: pytest.MonkeyPa
             return ["expires"]
 
     uncopied = list[str]()
-    own = OwnAlerts("e1", AT_ONCE, store.database, Soon(()), told.append, (), 0.0, lambda: bool(uncopied))
+    own = OwnAlerts(
+        "e1", AT_ONCE, store.database, Soon(()), told.append, (), 0.0, lambda work: work(), lambda: bool(uncopied)
+    )
     monkeypatch.setattr(machine, "clock_status", lambda: 0x40)
     monkeypatch.setattr("shutil.disk_usage", lambda _: type("Usage", (), {"free": 10**6}))
     monkeypatch.setattr(type(store.database._backups), "make", _no_room)
     store.database.back_up_if_due()
-    own.look_at_machine()
     own.look(1.0, 1)
     assert {one.alert.kind for one in told} == {Kind.DISK, Kind.CLOCK, Kind.CERTIFICATE, Kind.BACKUP}
     assert [one.alert.who for one in own.acknowledge("disk", "anna", 2)] == ["anna"]
@@ -134,12 +135,11 @@ def test_an_estimators_own_troubles(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr("shutil.disk_usage", lambda _: type("Usage", (), {"free": 10**12}))
     store.database.back_up_if_due()
     own._routers = Routers(())
-    own.look_at_machine()
-    own.look(2.0, 2)
-    own.look(3.5, 3)
+    own.look(LOOK_S + 1.0, 2)
+    own.look(LOOK_S + 2.5, 3)
     assert not own.board.standing
     uncopied.append("the bucket does not answer")
-    own.look(4.0, 4)
+    own.look(LOOK_S + 3.0, 4)
     assert [one.kind for one in own.board.standing] == [Kind.BACKUP]
     store.close()
 

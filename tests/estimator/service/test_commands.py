@@ -1,51 +1,22 @@
 """Commands between the bus and the service; the clock is `now`."""
 
-from collections.abc import Callable
-
 import pytest
 
 from bridge.reasons.codes import Code
 from bridge.wire import codec, keys
 from bridge.wire.messages import Command, CommandReply
-from estimator.service.commands import Commands
-from tests.sentences import codes, free
+from tests.estimator.memory_ward import Ward
+from tests.sentences import codes
 
 KEY = keys.build("w", "rpc", device="chest", verb="recalibrate")
 
 
-class Desk:
-    """Commands, and a service that does them when it `works`; what is written down is said by `writes`."""
-
-    def __init__(self, *, writes: bool = True) -> None:
-        self.counts = list[str]()
-        self.commands = Commands(counted=self.counts.append)
-        self.done: list[tuple[str, str]] = []
-        self.unwritten = list[Callable[[], None]]()
-        self._writes = writes
-
-    def ask(self, request_id: str = "r1", key: str = KEY, payload: bytes | None = None) -> list[CommandReply]:
-        """Replies, as they come."""
-        replies = list[CommandReply]()
-        asked = codec.encode_command(Command(request_id, "nurse", "")) if payload is None else payload
-        self.commands.ask(key, asked, lambda reply: replies.append(codec.decode_reply(reply)))
-        return replies
-
-    def answer(self, request_id: str = "r1", key: str = KEY, payload: bytes | None = None) -> CommandReply:
-        replies = self.ask(request_id, key, payload)
-        self.work()
-        (reply,) = replies
-        return reply
-
-    def work(self) -> None:
-        self.commands.work(self._do)
-
-    def _do(self, key: keys.Key, command: Command, kept: Callable[[], None]) -> CommandReply:
-        self.done.append((key.ids["verb"], command.request_id))
-        if self._writes:
-            kept()
-        else:
-            self.unwritten.append(kept)
-        return CommandReply(command.request_id, accepted=True, message=free(f"number {len(self.done)}"))
+def ask(ward: Ward, request_id: str = "r1", key: str = KEY, payload: bytes | None = None) -> list[CommandReply]:
+    """Replies, as they come."""
+    replies = list[CommandReply]()
+    asked = codec.encode_command(Command(request_id, "nurse", "")) if payload is None else payload
+    ward.service._commands.ask(key, asked, lambda reply: replies.append(codec.decode_reply(reply)))
+    return replies
 
 
 @pytest.fixture
@@ -53,22 +24,6 @@ def now(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     at = [100.0]
     monkeypatch.setattr("estimator.service.commands.time.monotonic", lambda: at[0])
     return at
-
-
-def test_a_command_is_done_once_however_often_it_is_sent() -> None:
-    desk = Desk()
-    first, second, other = desk.answer(), desk.answer(), desk.answer("r2")
-    assert first == second == CommandReply("r1", accepted=True, message=free("number 1"))
-    assert other.message == free("number 2")
-    assert desk.done == [("recalibrate", "r1"), ("recalibrate", "r2")]
-    assert desk.counts == ["repeated"]
-
-
-def test_one_request_id_for_two_devices_or_verbs_is_two_requests() -> None:
-    desk = Desk()
-    for device, verb in (("chest", "recalibrate"), ("back", "recalibrate"), ("chest", "cancel")):
-        desk.answer("r1", keys.build("w", "rpc", device=device, verb=verb))
-    assert len(desk.done) == 3
 
 
 @pytest.mark.parametrize(
@@ -82,39 +37,25 @@ def test_one_request_id_for_two_devices_or_verbs_is_two_requests() -> None:
         (KEY, codec.encode_command(Command("", "n", ""))),
     ],
 )
-def test_what_is_no_command_is_answered_with_the_reason(key: str, payload: bytes) -> None:
-    desk = Desk()
-    reply = desk.answer(key=key, payload=payload)
-    assert not reply.accepted
-    assert codes(reply.message) == [Code.COMMAND_MALFORMED]
-    assert desk.done == []
+def test_what_is_no_command_is_answered_with_the_reason(ward: Ward, key: str, payload: bytes) -> None:
+    replies = ask(ward, key=key, payload=payload)
+    ward.service._commands.work()
+    assert codes(replies[0].message) == [Code.COMMAND_MALFORMED]
 
 
-def test_a_command_that_waited_too_long_is_not_done(now: list[float]) -> None:
-    desk = Desk()
-    replies = desk.ask()
+def test_a_command_that_waited_too_long_is_not_done(ward: Ward, now: list[float]) -> None:
+    replies = ask(ward)
     now[0] += 1.5
-    desk.work()
-    assert not replies[0].accepted
-    assert Code.ESTIMATOR_BUSY in codes(replies[0].message)
-    assert desk.done == []
-    assert desk.answer().accepted
+    ward.service._commands.work()
+    assert codes(replies[0].message) == [Code.ESTIMATOR_BUSY]
+    replies = ask(ward)
+    ward.service._commands.work()
+    assert Code.UNKNOWN_DEVICE in codes(replies[0].message)
 
 
-def test_it_is_answered_once_it_is_written_down() -> None:
-    desk = Desk(writes=False)
-    first, second = desk.ask(), desk.ask()
-    desk.work()
-    assert first == second == []
-    desk.unwritten[0]()
-    assert first == second == [CommandReply("r1", accepted=True, message=free("number 1"))]
-    assert len(desk.done) == 1
-
-
-def test_too_many_at_once_are_turned_away() -> None:
-    desk = Desk()
-    asked = [desk.ask(f"r{n}") for n in range(80)]
+def test_too_many_at_once_are_turned_away(ward: Ward) -> None:
+    asked = [ask(ward, f"r{n}") for n in range(80)]
     assert [len(replies) for replies in asked] == 64 * [0] + 16 * [1]
     assert all(Code.TOO_MANY_COMMANDS in codes(replies[0].message) for replies in asked[64:])
-    desk.work()
-    assert all(replies[0].accepted for replies in asked[:64])
+    ward.service._commands.work()
+    assert all(len(replies) == 1 for replies in asked)

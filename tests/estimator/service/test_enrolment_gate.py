@@ -10,7 +10,7 @@ import pytest
 from bridge.config.enrolment import Enrolment
 from bridge.reasons.codes import Code
 from bridge.wire import codec, keys
-from bridge.wire.messages import Command, State
+from bridge.wire.messages import Command, CommandReply, State
 from bridge.wire.refusal import Tally
 from estimator.client import Client
 from estimator.config.schema import Estimator
@@ -114,7 +114,9 @@ def test_a_service_lists_strangers_and_takes_them_once_they_are_enrolled(tmp_pat
     assert service._devices == {}
     assert service._devices.info("b1", "chest") is None
     key = keys.parse(keys.build("w", "rpc", device="chest", verb="cancel"))
-    assert service._orders.do(key, ASKED, lambda: None).message == (Code.NOT_ENROLLED(),)
+    replies = list[CommandReply]()
+    service._commands.do(key, ASKED, replies.append)
+    assert replies[0].message == (Code.NOT_ENROLLED(),)
     assert client.corrected(idle_s=0.05).receive(0.05) is None
     file.write_text("wrist\nb1/chest\n")
     service._every_second(time.monotonic())

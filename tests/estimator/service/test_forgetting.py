@@ -12,6 +12,7 @@ from bridge.wire.messages import Alert, State
 from estimator.device.attention import needs_person
 from estimator.service import history
 from estimator.service.device_roster import ENDED_S
+from estimator.service.periodic_checks import EVENT
 from estimator.web.ward_state import Known
 from tests.estimator.memory_ward import SILENCE_S, WARD, Ward
 from tests.estimator.stream import NAME, Stream, calibration, info
@@ -74,7 +75,7 @@ def test_a_device_is_forgotten_when_no_bridge_lists_it_any_more(ward: Ward, once
     assert NAME not in ward.service._devices
     assert [(one.kind, end is not None) for one, end in ward.store.alerts(NAME)] == [("lost", True)]
     assert ward.store.calibrations(NAME)
-    assert ward.service._stock._law.violations == {}
+    assert EVENT not in ward.service.counts.as_dict()
     unknown = ward.command(lambda: ward.client.forget("nobody", "anna"))
     assert Code.UNKNOWN_DEVICE in codes(unknown.message)
 

@@ -1,5 +1,7 @@
 """Which estimators are alive, and whose each device is."""
 
+from statistics import stdev
+
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -136,3 +138,12 @@ def test_of_two_that_took_a_device_under_one_epoch_exactly_one_gives_it_up_and_t
     assert other.said(claims("e770", one.held), 1.0) == ["wrist"]
     other.lose("wrist", "e770", 1.0)
     assert other.take("wrist", NS) > epoch
+
+
+def test_who_owns_a_device_is_the_same_in_every_version_and_shares_are_as_uneven_as_chance() -> None:
+    assert [owner(f"d{number}", ("e1", "e2", "e3")) for number in range(8)] == [
+        *("e1", "e2", "e3", "e2", "e1", "e3", "e3", "e2"),
+    ]
+    wards = [[owner(f"w{ward}-bed-{n:03d}", ("a", "b", "c")) for n in range(300)] for ward in range(100)]
+    shares = [ward.count(name) for ward in wards for name in "abc"]
+    assert 7.0 < stdev(shares) < 9.5  # a multinomial's is 8.2

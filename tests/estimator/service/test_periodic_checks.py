@@ -1,4 +1,4 @@
-"""The conservation law, by itself and in a service whose accounts are wrong."""
+"""The conservation law in a service whose accounts are wrong."""
 
 import pytest
 
@@ -7,29 +7,9 @@ from estimator.device.batch_correction import Cut
 from estimator.device.outcome import Outcome
 from estimator.device.session import DeviceSession
 from estimator.samples.sample_buffer import Samples
-from estimator.service.periodic_checks import EVENT, Conservation, SampleAccount
+from estimator.service.periodic_checks import EVENT
 from tests.estimator.memory_ward import Ward
 from tests.estimator.stream import NAME, Stream, info
-
-GOOD = SampleAccount(came=100, out=90, dropped=10)
-
-
-def test_it_holds() -> None:
-    law = Conservation()
-    assert law.check({"a": GOOD, "b": GOOD}, decoded=200, turned_away=0) == {}
-    assert law.check({}, 200, 0) == {}, "of devices that are forgotten, too"
-    assert law.check({"c": GOOD}, 300, 0) == {}
-
-
-@pytest.mark.parametrize(("account", "lost"), [(SampleAccount(100, 90, 9), 1), (SampleAccount(100, 90, 11), -1)])
-def test_what_breaks_it_is_told_when_it_is_new(account: SampleAccount, lost: int) -> None:
-    law = Conservation()
-    assert law.check({"a": account}, 100, 0) == {"a": lost}
-    assert law.check({"a": account}, 100, 0) == {}
-    worse = account._replace(came=109, out=94)
-    assert law.check({"a": worse}, 109, 0) == {"a": lost + 5}
-    assert law.violations == {"a": 2}
-    assert law.check({"a": worse}, 110, 0) == {"": 1}, "no device has it"
 
 
 def test_a_service_in_which_samples_vanish_says_so(

@@ -32,14 +32,6 @@ def test_a_boot_whose_token_was_taken_back_by_a_bridge_that_lives_is_gone() -> N
     assert presence.why("wrist", 1, "b") == (Code.DEVICE_UNHEARD(bridge="b"),)
 
 
-def test_a_boot_is_heard_while_its_token_and_its_bridge_are_there() -> None:
-    assert told((BRIDGE, True), (OLD, True)).heard("wrist", 1, "b")
-    assert not told((BRIDGE, True), (OLD, True)).heard("wrist", 2, "b")
-    assert not told((BRIDGE, True), (OLD, False)).heard("wrist", 1, "b")
-    assert not told((BRIDGE, False), (OLD, True)).heard("wrist", 1, "b")
-    assert not told((OLD, True)).heard("wrist", 1, "b")
-
-
 @pytest.mark.parametrize("order", set(permutations([(OLD, True), (OLD, False), (NEW, True)])))
 def test_no_order_of_an_old_boots_tokens_says_anything_of_the_new_one(order: tuple[tuple[str, bool], ...]) -> None:
     presence = told((BRIDGE, True), *order)
@@ -51,16 +43,6 @@ def test_a_bridge_that_dies_with_its_devices_says_nothing_of_them() -> None:
     presence = told((BRIDGE, True), (OLD, True), (OLD, False), (BRIDGE, False))
     assert not gone(presence, 1, 100.0)
     assert presence.why("wrist", 1, "b") == (Code.BRIDGE_GONE(bridge="b"),)
-
-
-def test_all_tokens_born_again_mean_nothing_until_they_are_settled() -> None:
-    presence = told((BRIDGE, True), (OLD, True), (OLD, False), (BRIDGE, False))
-    presence.change(BRIDGE, True)
-    presence.note(10.0)
-    assert not gone(presence, 1, 10.0 + SETTLED_S / 2)
-    presence.change(OLD, True)
-    presence.note(10.0 + SETTLED_S / 2)
-    assert not gone(presence, 1, 100.0)
 
 
 def test_without_a_router_nothing_is_known() -> None:

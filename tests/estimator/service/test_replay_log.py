@@ -61,15 +61,6 @@ def test_a_gap_another_boot_and_rubbish_are_left_as_they_came() -> None:
     ]
 
 
-def test_the_log_keeps_the_last_seconds() -> None:
-    log = ReplayLog()
-    for n in range(100):
-        log.add("ab"[n % 2], Message(KEY, bytes([n])), 0.5 * n)
-    kept = log.of({"a"})["a"]
-    assert [one.payload[0] for one in kept] == [n for n in range(0, 100, 2) if 0.5 * n >= 49.5 - REPLAY_S]
-    assert log.devices() == {"a", "b"}
-
-
 def test_a_device_that_floods_leaves_the_log_to_the_others() -> None:
     log = ReplayLog()
     log.add("calm", Message(KEY, b"calm"), 0.0)

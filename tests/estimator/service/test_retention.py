@@ -7,11 +7,9 @@ import numpy as np
 import pytest
 
 from bridge.wire import keys
-from bridge.wire.refusal import Tally
 from estimator.service import history
 from estimator.service.retention import ALL_NS, BOOTS, DAY_NS, HOUR_NS, HOURLY_NS, KEPT_BOOTS, POINTS
 from estimator.service.store import Store
-from estimator.service.store_access import StoreAccess
 from estimator.service.store_care import THIN_S
 from estimator.tracking.bias_state import BiasState
 from tests.estimator.device.test_correction import CALIBRATION
@@ -52,17 +50,6 @@ def test_old_points_are_kept_by_the_hour_and_older_ones_by_the_day(store: Store)
     assert len(history.read(store, NAME).biases[0].time_ns) == len(of.time_ns)
 
 
-def test_how_much_is_deleted_is_said_once_a_day(store: Store, caplog: pytest.LogCaptureFixture) -> None:
-    fill(store, 1, 400, NOW_NS - 8 * DAY_NS)
-    care = StoreAccess(store, Tally(), lambda: NOW_NS)
-    with caplog.at_level("INFO", "estimator.service.store_care"):
-        for second in range(10):
-            care.tend(float(second))
-    (said,) = (one.message for one in caplog.records if "deleted" in one.message)
-    left = len(history.read(store, NAME).biases[0].time_ns)
-    assert said == f"old entries of the store were deleted: bias_history {400 - left}"
-
-
 def test_what_a_law_is_learnt_from_is_not_thinned_and_each_boots_end_stays(store: Store) -> None:
     boots = BOOTS + 4
     fill(store, boots, POINTS + 200, NOW_NS)
@@ -100,15 +87,15 @@ def test_a_device_that_starts_anew_every_minute_fills_no_store(store: Store) -> 
 def test_the_service_thins_and_backs_up_once_a_day(tmp_path: Path) -> None:
     ward = Ward(tmp_path)
     fill(ward.store, 2 * BOOTS, POINTS + 60, ward.now_ns - 60 * DAY_NS)
-    record, before = ward.service._record, len(ward.store.database.rows("bias_history"))
-    record.tend(0.0)
+    care, before = ward.service._care, len(ward.store.database.rows("bias_history"))
+    care.tend(0.0, 1)
     thinned = len(ward.store.database.rows("bias_history"))
     assert thinned < before - BOOTS * POINTS / 2
     assert [one.name for one in (tmp_path / "backups").iterdir()] == ["store-00001.sqlite3"]
     fill(ward.store, BOOTS - 2, 300, ward.now_ns - 30 * DAY_NS)
     more = len(ward.store.database.rows("bias_history"))
-    record.tend(THIN_S - 1.0)
+    care.tend(THIN_S - 1.0, 1)
     assert len(ward.store.database.rows("bias_history")) == more
-    record.tend(THIN_S)
+    care.tend(THIN_S, 1)
     assert len(ward.store.database.rows("bias_history")) < more
     ward.kill()

@@ -134,8 +134,8 @@ def test_what_is_not_understood_is_refused_and_harms_nobody(ward: Ward, once: St
     ward.put(b"\x00\xff", bridge="bridge", device=NAME)
     ward.put(codec.encode_samples(batches[100]), bridge="bridge", device="other")
     ward.send(batches[100:])
-    assert ward.service._intake._samples.refused.total() == 3
-    assert ward.service._intake._samples.refused.as_dict()["non_finite"] == 1
+    assert ward.service.counts.total("sample messages refused") == 3
+    assert ward.service.counts.as_dict()["sample messages refused, non_finite"] == 1
     assert list(ward.subscriber)[-1].quality is Quality.GOOD
     assert set(ward.client.statuses(0.05)) == {NAME}
 

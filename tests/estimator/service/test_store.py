@@ -12,7 +12,6 @@ from estimator.service.store_reader import REPEATED
 from estimator.tracking.bias_state import BiasState
 from tests.estimator.device.test_correction import CALIBRATION
 from tests.estimator.stream import NAME, info
-from tests.sentences import free
 
 BIAS = BiasState(
     np.array([0.1, -0.2, 0.3, 0.0, 0.0, 0.0]),
@@ -88,17 +87,6 @@ def test_nothing_of_before_is_of_a_boot_whose_number_came_again(store: Store, la
     assert remembered.bias is None
 
 
-@pytest.mark.parametrize("change", ["model", "firmware", "gyro_range", "rate_hz"])
-def test_a_prior_needs_the_whole_restore_key(store: Store, change: str) -> None:
-    store.add_calibration(GOOD)
-    this = replace(info(boot=2), has_clock=False)
-    assert same(store.prior(this), GOOD)
-    other = {"model": "n", "firmware": "1.1", "gyro_range": 4.3, "rate_hz": 208.0}[change]
-    assert store.prior(replace(this, **{change: other})) is None  # type: ignore[arg-type]
-    assert store.prior(replace(this, device="other")) is None
-    assert store.prior(replace(this, boot=1)) is None, "this boot's own calibration is no prior"
-
-
 def test_a_device_with_a_clock_may_have_been_calibrated_at_another_rate(store: Store) -> None:
     store.add_calibration(GOOD)
     assert same(store.prior(replace(info(boot=2), rate_hz=26.0)), GOOD)
@@ -129,15 +117,6 @@ def test_of_earlier_boots_of_the_same_hardware_the_last_calibrations_come_in_the
     assert [c.id for c in store.earlier(info(boot=4))] == ["c0", "c2"]
     assert [c.id for c in store.earlier(info(boot=5))] == ["c0", "c2", "c4"]
     assert store.earlier(replace(info(boot=5), device="other")) == []
-
-
-def test_what_a_command_was_answered_is_found_again(store: Store) -> None:
-    assert store.answer(NAME, "recalibrate", "r1") is None
-    store.add_audit(5, NAME, "recalibrate", "r1", "nurse", "strap", free("done"), accepted=True)
-    store.add_audit(6, NAME, "cancel", "r2", "nurse", "", free("nothing to cancel"), accepted=False)
-    assert store.answer(NAME, "recalibrate", "r1") == (True, free("done"))
-    assert store.answer(NAME, "cancel", "r2") == (False, free("nothing to cancel"))
-    assert store.answer(NAME, "cancel", "r1") is store.answer("other", "recalibrate", "r1") is None
 
 
 def test_calibrations_are_only_appended_and_the_latest_bias_is_one(store: Store) -> None:

@@ -96,6 +96,7 @@ def test_who_was_answered_can_rely_on_it_unless_the_disk_does_not_answer(
     monkeypatch.setattr(store_access, "HELD_S", 0.1)
     assert ward.command(lambda: ward.client.note(NAME, "nurse", "she lay down")).accepted
     busy.free()
+    monkeypatch.setattr(store_access, "HELD_S", 60.0)
     assert ward.command(lambda: ward.client.note(NAME, "nurse", "she stood up")).accepted
     assert [line["reason"] for line in ward.store.database.rows("audit", "verb = 'note'", ())][-1] == "she stood up"
 

@@ -11,9 +11,11 @@ from bridge.wire.messages import SampleBatch
 from bridge.wire.refusal import Tally
 from estimator.device.session import DeviceSession
 from estimator.device.session_knobs import SessionKnobs
+from estimator.service.checkpoints import Checkpoints
 from estimator.service.device import Device
 from estimator.service.store import Store
 from estimator.service.store_access import StoreAccess
+from estimator.service.store_writer import StoreWriter
 from estimator.tracking.bias_state import SLOPE, BiasState
 from estimator.tracking.temperature_law import TemperatureLaw
 from tests.estimator.memory_ward import Ward
@@ -62,7 +64,10 @@ def batches(of: Stream, number: int, *, accel: bool = True) -> list[SampleBatch]
 def test_a_second_boot_follows_what_the_first_taught(tmp_path: Path) -> None:
     """Without calibration or accelerometer, so that movement tells it little: the whole way through the record."""
     store, clock = Store(tmp_path / "a.sqlite3"), [0]
-    record = StoreAccess(store, Tally(), lambda: clock[0])
+    clerk = StoreWriter(store.database, thread=False)
+    record = StoreAccess(
+        store, Tally(), lambda: clock[0], clerk, Checkpoints(0), lambda _: None, lambda _, work: work()
+    )
     device = Device(MemoryBus(MemoryBroker()), "w", NAME, SessionKnobs(), 1.0, 0.0)
     record.boot(info(1))
     for batch in batches(day(0.5, 1), 1, accel=False):
@@ -70,7 +75,7 @@ def test_a_second_boot_follows_what_the_first_taught(tmp_path: Path) -> None:
         clock[0] = round(batch.device_time[-1] * 1e9)
         device.heard = clock[0] / 1e9
         record.checkpoint(device, device.heard)
-    found = list[TemperatureLaw]()
+    found = list[TemperatureLaw | None]()
     record.earlier.law(device.session, info(2), found.append)
     store.close()
     (law,) = found

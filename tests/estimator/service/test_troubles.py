@@ -2,15 +2,12 @@
 
 import logging
 import socket
-from contextlib import closing
 from dataclasses import replace
 from math import inf
 from pathlib import Path
 
 import pytest
 
-from bridge.bus import startup
-from bridge.bus.contract import BusError
 from bridge.reasons.catalogue import english
 from bridge.reasons.codes import Code
 from bridge.sim.motion import Still
@@ -24,7 +21,6 @@ from estimator.service.overload import OVERLOADED
 from tests.estimator.database.faults import full_disk
 from tests.estimator.memory_ward import SILENCE_S, WARD, Ward
 from tests.estimator.stream import NAME, Stream, calibration, info
-from tests.memory_bus import MemoryBroker, MemoryBus
 
 
 @pytest.fixture(scope="module")
@@ -168,38 +164,15 @@ def test_a_recalibration_goes_on_when_the_estimator_is_restarted(ward: Ward, onc
     assert (ward.latest().state, ward.latest().calibration) == (State.TRACKING, old.id)
 
 
-def test_a_second_estimator_is_told_of_the_first_and_not_of_its_address(
+def test_an_estimator_does_not_start_where_another_program_has_its_port_or_its_store(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    broker = MemoryBroker()
-    monkeypatch.setattr(startup, "_LOOK_S", 0.1)
-    monkeypatch.setattr(startup, "_GONE_S", 0.3)
-    with socket.create_server(("127.0.0.1", 0)) as taken, MemoryBus(broker) as first:
-        settings = Estimator(id="e1", store=str(tmp_path / "s.sqlite3"), health=f"127.0.0.1:{taken.getsockname()[1]}")
-        ward = schema.Ward(ward=WARD, estimator=settings)
-        monkeypatch.setattr(serve, "wait_for_router", lambda *_, **__: MemoryBus(broker))
-        token = first.declare_alive(keys.build(WARD, "alive/estimator", estimator="e1"))
-        with pytest.raises(BusError, match="e1 already serves ward w"):
-            serve.run(ward)
-        token.close()
-        with pytest.raises(OSError, match="in use by another program; choose another `health`"):
-            serve.run(ward)
-
-
-def test_a_store_is_not_opened_where_another_has_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Who it is may be the same one, started twice: that is said first."""
-    path, broker, opened = str(tmp_path / "s.sqlite3"), MemoryBroker(), list[object]()
-    monkeypatch.setattr(startup, "_LOOK_S", 0.1)
-    monkeypatch.setattr(startup, "_GONE_S", 0.3)
-    monkeypatch.setattr(serve, "wait_for_router", lambda *_, **__: MemoryBus(broker))
+    path, opened = str(tmp_path / "s.sqlite3"), list[object]()
     monkeypatch.setattr(serve, "Database", lambda *words, **_: opened.append(words))
-    ward = schema.Ward(ward=WARD, estimator=Estimator(id="e1", store=path))
-    with owned(path), MemoryBus(broker) as first:
-        with pytest.raises(StoreError, match=r"another estimator uses it"):
-            serve.run(ward)
-        with (
-            closing(first.declare_alive(keys.build(WARD, "alive/estimator", estimator="e1"))),
-            pytest.raises(BusError, match="e1 already serves ward w"),
-        ):
-            serve.run(ward)
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        settings = Estimator(id="e1", store=path, health=f"127.0.0.1:{taken.getsockname()[1]}")
+        with pytest.raises(OSError, match="in use by another program; choose another `health`"):
+            serve.run(schema.Ward(ward=WARD, estimator=settings))
+    with owned(path), pytest.raises(StoreError, match=r"another estimator uses it"):
+        serve.run(schema.Ward(ward=WARD, estimator=Estimator(id="e1", store=path)))
     assert not opened

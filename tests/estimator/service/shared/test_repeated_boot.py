@@ -37,7 +37,7 @@ class Handed:
         return made
 
     def fail(self, name: str) -> None:
-        self.both.services[name]._guarded(self.device(name), fails)
+        self.both.services[name]._devices.guard(self.device(name), fails)
 
     def slowly(self, batches: list[SampleBatch]) -> None:
         """As they are made: what is known long ago, again and again, is another power-up."""

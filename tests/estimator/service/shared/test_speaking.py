@@ -7,7 +7,7 @@ from bridge.sim.motion import Still
 from bridge.wire.messages import SampleBatch, State
 from estimator.config.schema import Estimator
 from estimator.service.cluster import DOUBLE
-from estimator.service.command_handling import REPEATED
+from estimator.service.commands import REPEATED
 from estimator.service.run_loop import Service
 from estimator.service.store import Store
 from tests.estimator.service.shared.conftest import FIRST, SECOND, WARD, Both
