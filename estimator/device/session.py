@@ -373,7 +373,7 @@ class DeviceSession(CorrectedStream):
             alerts=alerts,
             epoch=epoch,
             accelerometer=learnt.accelerometer,
-            nis=float(np.nan_to_num(self.tracker.doubt.consistency.nis)),
+            nis=float(np.nan_to_num(self.tracker.doubt.consistency.mean_nis)),
             receipts=receipts,
         )
 

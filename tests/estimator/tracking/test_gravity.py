@@ -24,7 +24,7 @@ def moved(x: Floats, var: float = 0.0) -> tuple[Floats, Floats]:
     begun = gravity.extend(start(np.zeros(3), np.eye(3), 0.0, knobs), np.full(3, 0.01), np.full(3, 0.01))
     state = BiasState(x, var * np.eye(SIZE), begun.time)
     bias = BiasFilter(state, knobs)
-    gravity.known = True
+    gravity.state.known = True
     time = np.arange(1, N + 1) / N
     gyro = np.column_stack([np.sin(3 * time), 0.7 * np.cos(2 * time), 0.5 * np.ones(N)])
     accel = G * UP + np.column_stack([np.cos(5 * time), np.sin(4 * time), time])
@@ -60,7 +60,7 @@ def test_gravity_keeps_its_strength_and_is_begun_where_the_accelerometer_points(
     bias = BiasFilter(replace(state), knobs)
     still = sum_up(np.full(N, 1 / N), np.zeros((N, 3)), np.tile(G * UP, (N, 1)), np.eye(3), np.zeros(3), np.zeros(3))
     bias.predict(bias.time, carried=gravity.carry(still, bias, 1e-4))
-    assert gravity.known
+    assert gravity.state.known
     np.testing.assert_allclose(bias.x[GRAVITY], G * UP, atol=1e-9)
     np.testing.assert_allclose(bias.x[VELOCITY], 0.0, atol=1e-9)
     resting, moving = (gravity.evidence(still, resting=r) for r in (True, False))

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from estimator.kernels.zaru import upright
 from estimator.tracking.seconds import Second
-from estimator.tracking.tilt_check import G, TiltCheck, TiltKnobs
+from estimator.tracking.tilt_check import ACCEL_FLOOR, G, TiltCheck
 
 
 @dataclass
@@ -29,19 +29,17 @@ class OfGravity:
 
 
 def test_gravity_that_turns_within_the_last_while_is_seen() -> None:
-    tilt, knobs = TiltCheck(), TiltKnobs()
+    tilt = TiltCheck()
 
     def tells(now: float, angle: float) -> bool:
         return tilt.watch(cast("Second", OfGravity(now, angle)))
 
-    error = np.sqrt(2 * (0.05**2 / 100 + knobs.accel_floor**2)) / G
+    error = np.sqrt(2 * (0.05**2 / 100 + ACCEL_FLOOR**2)) / G
     assert not any(tells(float(i), 3.9 * error * (i > 0)) for i in range(7))
     assert tells(7.0, 4.1 * error)
-    assert tilt.state.seen
+    assert tilt.seen
     # What came before is let go; after 5 s gravity has stayed.
-    assert [(tells(8.0 + i, 4.1 * error), tilt.state.seen) for i in range(6)] == 4 * [(False, True)] + 2 * [
-        (False, False)
-    ]
+    assert [(tells(8.0 + i, 4.1 * error), tilt.seen) for i in range(6)] == 4 * [(False, True)] + 2 * [(False, False)]
     assert tells(14.0, 0.0)
     # Slower than that within 10 s is not seen.
     slow = 3.9 * error / 11
