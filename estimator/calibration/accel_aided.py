@@ -26,7 +26,7 @@ from estimator.calibration import accelerometer_errors
 from estimator.calibration.accelerometer_errors import G
 from estimator.calibration.capture import Capture, Floats, Movement
 from estimator.calibration.gravity_propagation import COLUMN, MATRIX_PARAMETERS, ROW, Problem, TransitionKnobs, collect
-from estimator.calibration.result import Result, VerdictKnobs, nothing, turn_report, unbelievable
+from estimator.calibration.result import SCALE_STD, Result, nothing, turn_report, unbelievable
 from estimator.calibration.turn_path import Path, integrate
 from estimator.geometry import rotation
 from estimator.geometry.gyro_model import reading_std
@@ -160,17 +160,16 @@ def _matrix(x: Floats) -> Floats:
 def _judge(
     capture: Capture, movements: Sequence[Movement], M: Floats, b: Floats, covariance: Floats, r: Floats
 ) -> Result:
-    limits = VerdictKnobs()
     missed = degrees(float(np.sqrt(np.mean(np.sum(r.reshape(-1, 3) ** 2, axis=1)))))
     carried = Code.GRAVITY_CARRIED(movements=len(movements), angle_deg=f"{missed:.2f}")
     reason: Sentences = (Code.FULL_MATRIX(), carried)
     verdict = Verdict.ACCEPTED
     repeat: tuple[int, ...] = ()
-    bad = unbelievable(np.diag(M), limits)
+    bad = unbelievable(np.diag(M))
     std = np.sqrt(np.diag(covariance)[3:])
     if bad is not None:
         verdict, repeat, reason = Verdict.REFUSED, *bad
-    elif std.max() > limits.scale_std:
+    elif std.max() > SCALE_STD:
         verdict, repeat = Verdict.REPEAT, (0, 1, 2)
         reason = (Code.MATRIX_UNCERTAIN(percent=f"{100 * std.max():.1f}"),)
     rests = [m.before for m in movements]

@@ -13,12 +13,13 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from bridge.reasons.codes import Code, Sentence
+from bridge.reasons.codes import Code
 from estimator.calibration import misalignment
 from estimator.calibration import replacement_error as replacement
 from estimator.calibration.capture import Capture, Rest, TurnCapture
 from estimator.calibration.closure_fit import Evidence, Fit, fit, linearise
 from estimator.calibration.replacement_error import End, Replacement
+from estimator.calibration.result import NotConverged
 from estimator.geometry import rotation
 from estimator.geometry.gyro_model import reading_std
 
@@ -43,14 +44,6 @@ class ClosureKnobs:
     honest_p: float = 0.01
 
 
-class NotConverged(Exception):
-    """No bias and scale factors close the three turns; `reason` says why."""
-
-    def __init__(self, reason: Sentence) -> None:
-        super().__init__(reason)
-        self.reason = reason
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Closure:
     """Estimate of the closure method: k (3,) and bias (3,) rad/s at device time `time`.
@@ -70,7 +63,6 @@ class Closure:
     misalignment_std: float
     chi2: float
     dof: int
-    iterations: int
 
 
 def estimate(capture: Capture, knobs: ClosureKnobs | None = None) -> Closure:
@@ -106,7 +98,6 @@ def estimate(capture: Capture, knobs: ClosureKnobs | None = None) -> Closure:
         misalignment_std=askew,
         chi2=float(found.chi2[0]),
         dof=3 * len(rests) + 3,
-        iterations=found.iterations,
     )
 
 

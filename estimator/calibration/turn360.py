@@ -29,8 +29,9 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from bridge.reasons.codes import Code, Sentence
+from bridge.reasons.codes import Code
 from estimator.calibration.capture import Capture, TurnCapture
+from estimator.calibration.result import NotConverged
 from estimator.geometry import rotation
 from estimator.geometry.gyro_model import reading_std
 
@@ -45,14 +46,6 @@ class Turn360Knobs:
     max_iterations: int = 50
     #: standard deviation, rad, of the end attitude of a turn against its start, about the turn's axis
     replacement_std: float = radians(0.2)
-
-
-class NotConverged(Exception):
-    """The iteration found no scale factors that close the three turns; `reason` says why."""
-
-    def __init__(self, reason: Sentence) -> None:
-        super().__init__(reason)
-        self.reason = reason
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,19 +1,11 @@
 """A calibration in progress: who asked for it, which turns are done, and which are missing."""
 
 from bridge.reasons.codes import Code, Sentences
-from estimator.calibration.clipping import ClippingKnobs
 from estimator.calibration.session import CalibrationSession, too_old
 from estimator.calibration.session_events import Expired, Ignored, Progress, TurnFound
-from estimator.calibration.turn_recognition import TurnKnobs
 from estimator.device.session_knobs import SessionKnobs
 from estimator.geometry.gyro_model import AXES, axis_names
 from estimator.stillness.detector import Windows
-
-
-def turn_knobs(knobs: SessionKnobs, gyro_range: float = 0.0) -> TurnKnobs:
-    """Turn recognition settings of a device; gyro_range in rad/s as the device reports it, 0 when unknown."""
-    clipping = ClippingKnobs(gyro_range=gyro_range or knobs.gyro_range)
-    return TurnKnobs(horizontal=knobs.horizontal_turns, clipping=clipping)
 
 
 class CalibrationProgress:
@@ -23,7 +15,12 @@ class CalibrationProgress:
     """
 
     def __init__(self, knobs: SessionKnobs, who: str = "", why: str = "") -> None:
-        self._capture = CalibrationSession(knobs.method, turn_knobs=turn_knobs(knobs), scale_limit=knobs.scale_limit)
+        self._capture = CalibrationSession(
+            knobs.method,
+            gyro_range=knobs.gyro_range,
+            horizontal=knobs.horizontal_turns,
+            scale_limit=knobs.scale_limit,
+        )
         self.who, self.why = who, why
         #: reason of the last verdict that refused, which stays while turns are repeated
         self.refused: Sentences = ()

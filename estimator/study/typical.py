@@ -10,7 +10,6 @@ from rich.console import RenderableType
 from bridge.recording import Recording
 from bridge.sim.paper_sessions import PaperPlan, simulate
 from bridge.terminal.tables import Column, Columns
-from estimator.calibration.capture import Samples
 from estimator.calibration.session import CalibrationSession
 from estimator.calibration.session_events import TurnFound
 from estimator.offline import recordings
@@ -109,11 +108,9 @@ def results(of: TypicalScenario, parts: Parts) -> Typical:
 
 def _stages(recording: Recording) -> list[Stage]:
     """Turns that a calibration session recognises, from the rest before to the rest after."""
-    n = len(recording)
-    session = CalibrationSession("turn360")
-    windows = list(Stillness().feed(recording.time_s, recording.gyro, None))
-    session.add(Samples(recording.time_s, recording.gyro, None, np.zeros(n, bool)))
-    progress = [one for window in windows for one in session.window(window)]
+    session, windows = CalibrationSession("turn360"), Stillness().feed(recording.time_s, recording.gyro, None)
+    session.take(windows.samples[1])
+    progress = [one for begun, ended, _, still in windows.heads for one in session.judge(begun, ended, still=still)]
     turns = [one.turn for one in progress if isinstance(one, TurnFound)]
     return [Stage(_AXES[turn.axis], float(turn.before.end), float(turn.after.start)) for turn in turns]
 

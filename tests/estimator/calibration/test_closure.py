@@ -12,6 +12,7 @@ from estimator.calibration.capture import Capture
 from estimator.calibration.closure import ClosureKnobs
 from estimator.calibration.methods import METHODS
 from estimator.calibration.replacement_error import Replacement
+from estimator.calibration.result import NotConverged
 from estimator.calibration.session_events import TurnFound
 from estimator.geometry import rotation
 from tests.estimator.calibration.sessions import progress
@@ -130,7 +131,7 @@ def test_what_cannot_close_does_not_converge() -> None:
     asleep = tuple(
         replace(t, samples=replace(t.samples, gyro=np.tile(t.before.bias, (len(t.samples), 1)))) for t in found.turns
     )
-    with pytest.raises(closure.NotConverged):
+    with pytest.raises(NotConverged):
         closure.estimate(replace(found, turns=asleep))
     assert METHODS["closure"](replace(found, turns=asleep)).verdict is Verdict.REFUSED
 

@@ -7,7 +7,7 @@ from bridge.sim.imu_errors import ImuSpec
 from bridge.sim.motion_scripts import SessionPlan
 from estimator.calibration import turn360
 from estimator.calibration.capture import Capture
-from estimator.calibration.result import judge
+from estimator.calibration.result import NotConverged, judge
 from tests.estimator.calibration.literal import algorithm1
 from tests.estimator.calibration.sessions import capture
 from tests.estimator.stream import calibration
@@ -44,7 +44,7 @@ def test_three_turns_about_one_axis_determine_nothing() -> None:
     same = Capture(found.rest, (found.turns[0],) * 3)
     try:
         estimate = turn360.estimate(same)
-    except (turn360.NotConverged, np.linalg.LinAlgError):
+    except (NotConverged, np.linalg.LinAlgError):
         return
     assert np.sqrt(np.diag(estimate.covariance)[3:]).max() > 0.02
 
@@ -52,7 +52,7 @@ def test_three_turns_about_one_axis_determine_nothing() -> None:
 def test_turns_that_are_none_do_not_converge() -> None:
     found = capture(calibration(seed=13))
     asleep = tuple(replace(t, samples=t.samples.between(t.samples.time[0], t.samples.time[40])) for t in found.turns)
-    with pytest.raises(turn360.NotConverged, match="not_converged"):
+    with pytest.raises(NotConverged, match="not_converged"):
         turn360.estimate(Capture(found.rest, asleep))
 
 
