@@ -79,7 +79,7 @@ class CorrectedStream:
 
     def orient(self) -> None:
         """Begin to estimate the orientation, or begin it anew: heading zero is at the next sample."""
-        self.attitude = Attitude(self.knobs.orientation)
+        self.attitude = Attitude()
 
     @property
     def boot(self) -> int | None:
@@ -174,7 +174,7 @@ class CorrectedStream:
                 self._end_block(outcome, (now, known(samples.rows.item(edge, CELSIUS))))
             else:
                 self._end_block(outcome)
-            if edge > start and self._applied is not applied and not self._applied.same(applied):
+            if edge > start and self._applied is not applied:
                 cuts.append(Cut(samples, applied, start, edge))
                 start = edge
         cuts.append(Cut(samples, self._applied, start, samples.n))

@@ -259,7 +259,7 @@ class DeviceSession(CorrectedStream):
         session._blocks.resume(buffer, saved.clock, saved.begun_s)
         session._applied, session._ready = saved.applied, saved.ready
         if saved.attitude is not None:
-            session.attitude = Attitude(session.knobs.orientation, *saved.attitude)
+            session.attitude = Attitude(*saved.attitude)
         session.sequence.resume(saved.boot, saved.first, saved.next)
         session.last_heard_ns, session._unused = saved.last_heard_ns, False
         if saved.learnt.under_way:

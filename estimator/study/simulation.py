@@ -40,12 +40,12 @@ def run(gyro: PaperGyro, plan: PaperPlan, sessions: int, rng: np.random.Generato
     for start in range(0, sessions, CHUNK):
         of = simulate(gyro, plan, min(CHUNK, sessions - start), rng)
         coning = plan.rate_hz < ClosureKnobs().coning_below_hz
-        paper, ours = many.algorithm1(of), many.closure(many.evidence(of, miss, coning=coning))
-        off = ours.theta - truth
-        nees.append(np.einsum("si,si->s", off, np.linalg.solve(ours.covariance, off[..., None])[..., 0]))
+        paper, (ours, covariance) = many.algorithm1(of), many.closure(many.evidence(of, miss, coning=coning))
+        off = ours - truth
+        nees.append(np.einsum("si,si->s", off, np.linalg.solve(covariance, off[..., None])[..., 0]))
         if start == 0:
             bound = many.bound(of, np.radians(plan.noise_dps), miss)
-        error.append(unit * (np.stack([paper.theta, ours.theta]) - truth))
+        error.append(unit * (np.stack([paper, ours]) - truth))
     return {
         "error": np.concatenate(error, axis=1)[..., _TO_PAPER],
         "bound": (unit**2 * bound)[:, _TO_PAPER],

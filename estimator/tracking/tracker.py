@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 
 from estimator.geometry.gyro_model import GyroModel
 from estimator.geometry.strapdown import Span, sum_up
-from estimator.stillness.detector import Windows
 from estimator.tracking.bias_filter import Step
 from estimator.tracking.bias_state import BIAS, OWN, SLOPE, start
 from estimator.tracking.evidence import GATES, Evidence, Receipt
@@ -64,13 +63,6 @@ class Tracker(TrackedBias):
         self._evidence_time = rest.end
         self._gap, self._evidenced = None, True
         self.doubt.anew()
-
-    def take(self, windows: Windows) -> list[Receipt]:
-        """Learn from the next windows; returns the receipts of rests in the seconds that the windows complete."""
-        receipts = []
-        for _, second in self.seconds.take(windows):
-            receipts += self.learn(second)
-        return receipts
 
     def learn(self, second: Second) -> list[Receipt]:
         """Learn bias, temperature and gravity from the next second.
