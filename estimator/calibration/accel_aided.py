@@ -20,13 +20,13 @@ from math import degrees, radians
 import numpy as np
 import scipy
 
-from bridge.reasons.codes import Code, Sentences
+from bridge.reasons.codes import Code
 from bridge.wire.messages import Verdict
 from estimator.calibration import accelerometer_errors
 from estimator.calibration.accelerometer_errors import G
 from estimator.calibration.capture import Capture, Floats, Movement
 from estimator.calibration.gravity_propagation import COLUMN, MATRIX_PARAMETERS, ROW, Problem, TransitionKnobs, collect
-from estimator.calibration.result import SCALE_STD, Result, nothing, turn_report, unbelievable
+from estimator.calibration.result import SCALE_STD, Result, concluded, nothing, turn_report
 from estimator.calibration.turn_path import Path, integrate
 from estimator.geometry import rotation
 from estimator.geometry.gyro_model import reading_std
@@ -162,16 +162,9 @@ def _judge(
 ) -> Result:
     missed = degrees(float(np.sqrt(np.mean(np.sum(r.reshape(-1, 3) ** 2, axis=1)))))
     carried = Code.GRAVITY_CARRIED(movements=len(movements), angle_deg=f"{missed:.2f}")
-    reason: Sentences = (Code.FULL_MATRIX(), carried)
-    verdict = Verdict.ACCEPTED
-    repeat: tuple[int, ...] = ()
-    bad = unbelievable(np.diag(M))
-    std = np.sqrt(np.diag(covariance)[3:])
-    if bad is not None:
-        verdict, repeat, reason = Verdict.REFUSED, *bad
-    elif std.max() > SCALE_STD:
-        verdict, repeat = Verdict.REPEAT, (0, 1, 2)
-        reason = (Code.MATRIX_UNCERTAIN(percent=f"{100 * std.max():.1f}"),)
+    std = np.sqrt(np.diag(covariance)[3:]).max()
+    unsure = Verdict.REPEAT, (0, 1, 2), (Code.MATRIX_UNCERTAIN(percent=f"{100 * std:.1f}"),)
+    verdict, repeat, reason = concluded(np.diag(M), (Code.FULL_MATRIX(), carried), unsure if std > SCALE_STD else None)
     rests = [m.before for m in movements]
     noise_std = np.median([reading_std(rest.std) for rest in rests], axis=0)
     turns = tuple(turn_report(turn, M, b) for turn in capture.turns)

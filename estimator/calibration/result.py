@@ -12,6 +12,8 @@ from estimator.calibration.capture import Capture, Floats, TurnCapture
 from estimator.geometry import rotation
 from estimator.geometry.gyro_model import AXES, PriorKnobs, axis_names, reading_std
 
+#: verdict against a fit, axes of the turns to repeat, and the reason
+Objection = tuple[Verdict, tuple[int, ...], Sentences]
 PARAMETERS = ("bias_x", "bias_y", "bias_z", "k_x", "k_y", "k_z")
 
 #: range of plausible scale factors
@@ -152,6 +154,16 @@ def unbelievable(k: Floats) -> tuple[tuple[int, ...], Sentences] | None:
     if not outside:
         return None
     return outside, (Code.SCALE_OUTSIDE(scale=_values(k), least=K_MIN, most=K_MAX), _likely(k))
+
+
+def concluded(k: Floats, reason: Sentences, *objections: Objection | None) -> Objection:
+    """Verdict on a fit, axes to repeat, and the reason: an unbelievable scale, else the first objection, else accepted.
+
+    k (3,): scale factors. reason: for accepting.
+    """
+    if (outside := unbelievable(k)) is not None:
+        return Verdict.REFUSED, *outside
+    return next((one for one in objections if one is not None), (Verdict.ACCEPTED, (), reason))
 
 
 def unlikely(k: Floats, limit: float) -> tuple[tuple[int, ...], Sentences] | None:

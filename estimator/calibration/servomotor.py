@@ -26,7 +26,7 @@ from estimator.calibration.bias_wander import WanderKnobs, wander_cov
 from estimator.calibration.capture import Floats, Samples
 from estimator.calibration.constant_rates import Plateau, plateaus, said_of_others, split
 from estimator.calibration.least_squares import Solved, shown_size, solve
-from estimator.calibration.result import K_MAX, K_MIN, SCALE_STD, Result, nothing, unbelievable
+from estimator.calibration.result import K_MAX, K_MIN, SCALE_STD, Result, concluded, nothing
 from estimator.geometry.gyro_model import axis_names, reading_std
 
 #: relative error of each spin's mean rate, within a factor of ten; estimated from the spins, up to the second number
@@ -125,18 +125,10 @@ def _linearised(of: _Evidence, theta: Floats, share: float) -> tuple[Floats, Flo
 def _judge(theta: Floats, fit: Solved, misfit: float, used: Sequence[Plateau], reason: Sentences) -> Result:
     b, k = theta[:3], theta[3:]
     covariance = misfit * fit.cov
-    bad = unbelievable(k)
     loose = tuple(axis for axis in range(3) if not covariance[3 + axis, 3 + axis] ** 0.5 < SCALE_STD * k[axis])
-    verdict = Verdict.ACCEPTED
-    repeat: tuple[int, ...] = ()
-    if bad is not None:
-        verdict, repeat, reason = Verdict.REFUSED, *bad
-    elif misfit > 9.0:
-        verdict = Verdict.REFUSED
-        reason = (*reason, Code.SERVO_MISFIT(times=f"{misfit**0.5:.0f}"))
-    elif loose:
-        verdict, repeat = Verdict.REPEAT, loose
-        reason = (Code.MOUNTINGS_UNCERTAIN(axes=axis_names(loose)),)
+    contradicts = Verdict.REFUSED, (), (*reason, Code.SERVO_MISFIT(times=f"{misfit**0.5:.0f}"))
+    unsure = Verdict.REPEAT, loose, (Code.MOUNTINGS_UNCERTAIN(axes=axis_names(loose)),)
+    verdict, repeat, reason = concluded(k, reason, contradicts if misfit > 9.0 else None, unsure if loose else None)
     noise_std = reading_std(np.median([p.std for p in used], axis=0))
     time = (used[-1].start + used[-1].end) / 2
     return Result("servomotor", verdict, reason, np.diag(k), b, covariance, noise_std, (), repeat, time)

@@ -23,7 +23,7 @@ from estimator.calibration.capture import Floats, Samples
 from estimator.calibration.constant_rates import Plateau, nearest_rates, plateaus, said_of_others, split
 from estimator.calibration.gravity_propagation import COLUMN, MATRIX_PARAMETERS, ROW
 from estimator.calibration.least_squares import Solved, shown_size, solve
-from estimator.calibration.result import Result, nothing, unbelievable
+from estimator.calibration.result import Result, concluded, nothing
 from estimator.geometry.gyro_model import axis_names, reading_std
 
 #: relative error of each stretch's mean rate, within a factor of ten; estimated from the stretches, up to the second number
@@ -136,13 +136,7 @@ def _judge(fit: Solved, misfit: float, used: Sequence[Plateau], reference: int, 
     J[3 + np.arange(9), 4 * ROW + COLUMN] = 1.0
     covariance = misfit * J @ fit.cov @ J.T
     noise_std = reading_std(np.median([p.std for p in used], axis=0))
-    bad = unbelievable(np.diag(M))
-    verdict = Verdict.ACCEPTED
-    repeat: tuple[int, ...] = ()
-    if bad is not None:
-        verdict, repeat, reason = Verdict.REFUSED, *bad
-    elif misfit > 4.0:
-        verdict = Verdict.REFUSED
-        reason = (*reason, Code.TABLE_MISFIT(times=f"{misfit**0.5:.0f}"))
+    contradicts = Verdict.REFUSED, (), (*reason, Code.TABLE_MISFIT(times=f"{misfit**0.5:.0f}"))
+    verdict, repeat, reason = concluded(np.diag(M), reason, contradicts if misfit > 4.0 else None)
     time = (used[reference].start + used[reference].end) / 2
     return Result("turntable", verdict, reason, M, bias, covariance, noise_std, (), repeat, time, MATRIX_PARAMETERS)

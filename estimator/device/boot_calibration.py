@@ -156,11 +156,8 @@ class BootCalibration:
 
         A slope that was learnt under a law is kept; any other is replaced by the law's.
         """
-        if self.calibration is not None and self._slope_learnt:
-            self.tracker.follow(law)
-        else:
-            self.tracker.expect(law)
-            self._slope_learnt = self.calibration is not None
+        self.tracker.expect(law, learnt=self.calibration is not None and self._slope_learnt)
+        self._slope_learnt = self.calibration is not None
 
     def _say_beside(self, news: Sentences, outcome: Outcome) -> None:
         """Report news while a calibration is in progress: the device's own reason stays the next step for the operator."""

@@ -290,15 +290,10 @@ class TrackedBias:
         else:  # the stream begins with older samples, from a bus's cache
             self._filter.look_back(self._kept, now, celsius)
 
-    def expect(self, law: TemperatureLaw) -> None:
-        """Use a temperature law from now on; its slope replaces the tracked one."""
+    def expect(self, law: TemperatureLaw, *, learnt: bool) -> None:
+        """Use a temperature law from now on; its slope replaces the tracked one, unless that was learnt under it."""
         self.law = law
-        self._filter.expect(law)
-
-    def follow(self, law: TemperatureLaw) -> None:
-        """Use a temperature law from now on, for a bias whose slope was learnt under it; the slope is kept."""
-        self.law = law
-        self._filter.follow(law)
+        self._filter.expect(law, learnt=learnt)
 
     def doubts(self, now: float) -> Sentences:
         """Reasons why the bias is doubted from device time `now`, s, on.

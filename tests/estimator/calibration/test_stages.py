@@ -22,15 +22,6 @@ def held(of: Stream) -> tuple[History, Windows]:
     return history, windows
 
 
-def test_a_session_has_four_rests_each_with_the_one_before() -> None:
-    of = calibration(seed=4)
-    found = settled(of)
-    assert len(found) == 4
-    for stage in found[1:]:
-        assert stage.before is not None
-        assert stage.before.end < stage.after.start
-
-
 @pytest.mark.parametrize("rate_hz", [10.0, 12.5, 25.0])
 @pytest.mark.parametrize("seed", range(4))
 def test_three_seconds_are_a_rest_at_any_rate(rate_hz: float, seed: int) -> None:

@@ -2,10 +2,8 @@ from dataclasses import dataclass, field
 from typing import cast
 
 import numpy as np
-import pytest
 from numpy.typing import NDArray
 
-from estimator.kernels.zaru import upright
 from estimator.tracking.seconds import Second
 from estimator.tracking.tilt_check import ACCEL_FLOOR, G, TiltCheck
 
@@ -45,10 +43,3 @@ def test_gravity_that_turns_within_the_last_while_is_seen() -> None:
     slow = 3.9 * error / 11
     assert not any(tells(15.0 + i, slow * i) for i in range(60))
     assert any(tells(80.0 + i, 1.2 * slow * i) for i in range(60))
-
-
-@pytest.mark.parametrize("up", [[0.0, 0.0, 1.0], [0.0, -9.8, 0.0], [3.0, 0.0, 0.0], [1.0, -2.0, 0.5], [-5.0, 4.0, 8.0]])
-def test_upright_axes_are_at_right_angles(up: list[float]) -> None:
-    rows = upright(np.array(up))
-    np.testing.assert_allclose(rows @ rows.T, np.eye(3), atol=1e-15)
-    np.testing.assert_allclose(rows[2], np.array(up) / np.linalg.norm(up), rtol=1e-15)
