@@ -25,7 +25,15 @@ from bridge.wire.messages import Verdict
 from estimator.calibration import accelerometer_errors
 from estimator.calibration.accelerometer_errors import G
 from estimator.calibration.capture import Capture, Floats, Movement
-from estimator.calibration.gravity_propagation import COLUMN, MATRIX_PARAMETERS, ROW, Problem, TransitionKnobs, collect
+from estimator.calibration.gravity_propagation import (
+    COLUMN,
+    MATRIX_PARAMETERS,
+    ROW,
+    Problem,
+    TransitionKnobs,
+    collect,
+    matrix_of,
+)
 from estimator.calibration.result import SCALE_STD, Result, concluded, nothing, turn_report
 from estimator.calibration.turn_path import Path, integrate
 from estimator.geometry import rotation
@@ -60,7 +68,7 @@ def by_accel_aided(capture: Capture) -> Result:
     def residuals(x: Floats) -> tuple[Floats, Floats]:
         r, J = [], []
         for samples, before, after, b_m in steps:
-            path = integrate(samples, _matrix(x), b_m, noise_std)
+            path = integrate(samples, matrix_of(x), b_m, noise_std)
             arrived = path.end @ after
             r.append(arrived - before)
             J.append(_turned(arrived) @ path.by_matrix[:, ROW, COLUMN])
@@ -71,7 +79,7 @@ def by_accel_aided(capture: Capture) -> Result:
     r, J = residuals(found.x)
     if np.linalg.cond(J.T @ J) > 1e8:
         return nothing("accel_aided", Verdict.REPEAT, (Code.POSES_UNDETERMINED(),), (0, 1, 2))
-    M = _matrix(found.x)
+    M = matrix_of(found.x)
     paths = [integrate(samples, M, b_m, noise_std) for samples, _, _, b_m in steps]
     factors = problem.factors(problem.solve(np.concatenate([off.mean, found.x, np.zeros(accelerometer_errors.N)])))
     gain = np.linalg.solve(J.T @ J, J.T)
@@ -149,12 +157,6 @@ def _that_differ(accel: Floats) -> int:
         if all(rotation.angle_between(a, b) > radians(20) for b in counted):
             counted.append(a)
     return len(counted)
-
-
-def _matrix(x: Floats) -> Floats:
-    M = np.empty((3, 3))
-    M[ROW, COLUMN] = x
-    return M
 
 
 def _judge(

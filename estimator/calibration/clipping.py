@@ -14,9 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.calibration.capture import Samples
-from estimator.geometry.gyro_model import least_step
+from estimator.geometry.gyro_model import Floats, least_step
 
-Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 #: share of the range from which a reading is clipped, and beyond which the device uses another range

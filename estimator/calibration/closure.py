@@ -11,7 +11,6 @@ from math import radians
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from bridge.reasons.codes import Code
 from estimator.calibration import misalignment
@@ -21,9 +20,7 @@ from estimator.calibration.closure_fit import Evidence, Fit, fit, linearise
 from estimator.calibration.replacement_error import End, Replacement
 from estimator.calibration.result import NotConverged
 from estimator.geometry import rotation
-from estimator.geometry.gyro_model import reading_std
-
-Floats = NDArray[np.float64]
+from estimator.geometry.gyro_model import Floats, reading_std
 
 
 @dataclass(frozen=True, slots=True)

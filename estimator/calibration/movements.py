@@ -26,10 +26,8 @@ class Movements:
 
     def __init__(self, gyro_range: float) -> None:
         self._gyro_range = gyro_range
-        self._kept: list[Movement] = []
-
-    def __len__(self) -> int:
-        return len(self._kept)
+        #: all kept movements in the order of time
+        self.kept: list[Movement] = []
 
     def add(self, movement: Movement, *, full_turn: bool) -> bool:
         """Keep a movement if gravity can be propagated through it; return whether it was kept.
@@ -41,17 +39,13 @@ class Movements:
         if movement.before.accel is None or movement.after.accel is None or not self._whole(movement):
             return False
         newest = movement.before
-        self._kept = [
+        self.kept = [
             kept
-            for kept in self._kept[-(MOST - 1) :]
+            for kept in self.kept[-(MOST - 1) :]
             if newest.end - kept.after.end < STALE_S and same_bias(kept.before, newest)
         ]
-        self._kept.append(replace(movement, full_turn=full_turn))
+        self.kept.append(replace(movement, full_turn=full_turn))
         return True
-
-    def all(self) -> tuple[Movement, ...]:
-        """All kept movements in the order of time."""
-        return tuple(self._kept)
 
     def _whole(self, movement: Movement) -> bool:
         time = movement.samples.time

@@ -117,7 +117,7 @@ class CalibrationSession:
     @property
     def movements(self) -> tuple[Movement, ...]:
         """All movements kept between rests, full turns or not, in the order of time."""
-        return self._movements.all()
+        return tuple(self._movements.kept)
 
     def unfinished(self) -> Result:
         """Result at the end of the input, where the session did not finish.
@@ -203,9 +203,9 @@ class CalibrationSession:
         return result
 
     def _moved(self, rest: Rest) -> list[Progress]:
-        if self._whole or len(self._movements) < BY_MOVEMENTS[self.method]:
+        if self._whole or len(self.movements) < BY_MOVEMENTS[self.method]:
             return []
-        if len(self._movements) % LIVE_EVERY:
+        if len(self.movements) % LIVE_EVERY:
             return []  # a fit is slow, and the same thread serves other devices
         result = self._checked(self._capture(LIVE_MOVEMENTS))
         enough = result.verdict is Verdict.ACCEPTED and len(result.parameters) > len(PARAMETERS)

@@ -62,7 +62,7 @@ class Fit:
     @property
     def matrix(self) -> Floats:
         """Gyro matrix M (3, 3); only its diagonal where the off-diagonal elements are not used."""
-        M = matrix_of(self.theta)
+        M = matrix_of(self.theta[3:12])
         return M if self.full else np.diag(np.diag(M))
 
 

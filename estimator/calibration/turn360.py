@@ -27,16 +27,12 @@ from math import pi, radians
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from bridge.reasons.codes import Code
 from estimator.calibration.capture import Capture, TurnCapture
 from estimator.calibration.result import NotConverged
 from estimator.geometry import rotation
-from estimator.geometry.gyro_model import reading_std
-
-Floats = NDArray[np.float64]
-
+from estimator.geometry.gyro_model import Floats, reading_std
 
 #: change of the scale factors, absolute, at which the iteration is done; and most iterations
 _TOLERANCE, _MAX_ITERATIONS = 1e-5, 50

@@ -11,9 +11,8 @@ from bridge.wire.batches import MAX_RATE, MAX_STD
 from bridge.wire.messages import Calibration, Quality
 from estimator.geometry.gyro_model import AXES, GyroModel, PriorKnobs, uncalibrated
 from estimator.orientation.attitude import known
-from estimator.state import shaped
+from estimator.state import Floats, shaped
 
-Floats = NDArray[np.float64]
 Float32s = NDArray[np.float32]
 #: range of each row of PublishedCorrection on the wire; a row that is not a number becomes the largest
 _MOST = np.array([[MAX_STD], [MAX_STD], [MAX_STD], [MAX_STD], [MAX_RATE], [MAX_STD]], np.float32)

@@ -8,9 +8,8 @@ an acceleration g (phi_y, -phi_x), so v runs away. A wearer's velocity is bounde
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.kernels.compiled import compiled
+from estimator.kernels.compiled import Floats, compiled
 
-Floats = NDArray[np.float64]
 Wholes = NDArray[np.int64]
 
 #: parts of a device's state: device time, s, NaN before the first sample; quaternion; velocity, m/s; velocity over the last

@@ -206,7 +206,7 @@ class _Pass:
         self._names = {"": ""}
         self._last: CorrectedBatch | None = None
         #: whether gravity is to teach the matrix, and has not done so yet
-        self._untaught = knobs.track.matrix.learn
+        self._untaught = knobs.track.learn_matrix
         #: whether any turn was recognised
         self.turned = False
         remembered = None

@@ -18,14 +18,12 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from estimator.geometry.gyro_model import GyroModel
 from estimator.kernels import orientation as loop
-from estimator.state import shaped
+from estimator.state import Floats, shaped
 
-Floats = NDArray[np.float64]
 #: m/s²
 G = 9.80665
 _ROWS, _COLUMNS = np.triu_indices(3)

@@ -17,9 +17,8 @@ from numpy.typing import NDArray
 from bridge.reasons.codes import Code, Sentences
 from estimator.kernels.stillness import NOISE, SUMMED, TOLD, judged, nothing_known
 from estimator.samples.sample_buffer import ACCEL, CELSIUS, CLIPPED, GYRO, TIME, WIDTH, SampleBuffer
-from estimator.state import StateStruct, shaped
+from estimator.state import Floats, StateStruct, shaped
 
-Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 

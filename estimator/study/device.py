@@ -7,7 +7,6 @@ from typing import Generic
 
 import numpy as np
 from msgspec import Struct
-from numpy.typing import NDArray
 
 from bridge.recording import Recording
 from bridge.sim.imu_errors import ImuErrorModel, ImuSpec, Truth
@@ -16,9 +15,8 @@ from bridge.sim.motion_scripts import SessionPlan, TurnPlan, flat, session
 from bridge.toml.loader import load
 from bridge.toml.shipped import file_of
 from estimator.noise.device_model import load_model
-from estimator.study.study import FOLDERS, S
+from estimator.study.study import FOLDERS, Floats, S
 
-Floats = NDArray[np.float64]
 Axes = tuple[float, float, float]
 _ROOM_C = 22.0
 _USUAL_ACCEL_NOISE = 0.02

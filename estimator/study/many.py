@@ -1,13 +1,10 @@
 """Algorithm 1 and closure on many simulated sessions at once: arrays of sessions in, arrays of estimates out."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bridge.sim.paper_sessions import PaperSessions
-from estimator.calibration.closure_fit import Evidence, fit, linearise
+from estimator.calibration.closure_fit import Evidence, Floats, fit, linearise
 from estimator.geometry import rotation
-
-Floats = NDArray[np.float64]
 
 
 def evidence(sessions: PaperSessions, replacement_std: float, *, coning: bool = False) -> Evidence:

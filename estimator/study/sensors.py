@@ -5,17 +5,14 @@ from math import inf
 
 import numpy as np
 from msgspec import Struct
-from numpy.typing import NDArray
 from rich.console import RenderableType
 
 from bridge.terminal.tables import Column, Columns
 from estimator.study.device import PaperColumn
 from estimator.study.simulation import PARAMETERS
 from estimator.study.spread import Spread, holds, spread
-from estimator.study.study import Finding, Parts, Study
+from estimator.study.study import Finding, Floats, Parts, Study
 from estimator.study.trials import METHODS, WORDS, SensorsScenario, inputs, jobs, work
-
-Floats = NDArray[np.float64]
 
 
 class Row(Struct, frozen=True):

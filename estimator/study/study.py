@@ -16,6 +16,7 @@ from estimator.study.names import STUDIES
 
 S = TypeVar("S", bound="Scenario")
 R = TypeVar("R", bound=Struct)
+Floats = NDArray[np.float64]
 #: arguments of one job, numbers and words; equal arguments mean equal work
 Job = tuple[str | int | float, ...]
 #: arrays computed by a job, by name

@@ -4,16 +4,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bridge.sim.motion import Piece, Still
 from bridge.sim.motion_scripts import machine
 from estimator.offline import recordings
 from estimator.study.device import Hand, Recorded, WithSensors, load_device, record
 from estimator.study.sessions import turn_s
-from estimator.study.study import Job, Scenario, generator
+from estimator.study.study import Floats, Job, Scenario, generator
 
-Floats = NDArray[np.float64]
 METHODS = ("turn360", "closure")
 WORDS = {"raw": "readings", "turn360": "Algorithm 1", "closure": "closure", "paper": "the paper's K and b"}
 

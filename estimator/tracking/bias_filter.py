@@ -12,15 +12,12 @@ from threading import get_ident
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimator.kernels.bias_filter import inverse, walked, weighed
-from estimator.state import StateStruct, shaped
+from estimator.state import Floats, StateStruct, shaped
 from estimator.tracking.bias_state import BIAS, OWN, SLOPE, BiasKnobs, BiasState
 from estimator.tracking.evidence import Evidence, Receipt
 from estimator.tracking.temperature_law import TemperatureLaw
-
-Floats = NDArray[np.float64]
 
 _NOTHING = np.zeros(3)
 #: variances of the bias, in a covariance

@@ -10,17 +10,15 @@ from math import radians
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
 from estimator.kernels.zaru import upright
-from estimator.state import StateStruct, shaped
+from estimator.state import Floats, StateStruct, shaped
 from estimator.tracking.bias_filter import BiasFilter
 from estimator.tracking.bias_state import BIAS, SLOPE
 from estimator.tracking.evidence import GATES, Evidence, Receipt
 from estimator.tracking.seconds import Second
 from estimator.tracking.zaru import INSISTED
 
-Floats = NDArray[np.float64]
 VERTICAL = "bounded vertical"
 #: start, end, mean, its variance, the part of the variance common to all, temperature
 _Kept = tuple[float, float, Floats, Floats, Floats, float]

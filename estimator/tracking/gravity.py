@@ -21,18 +21,15 @@ from math import exp
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
 from estimator.geometry.strapdown import Span
 from estimator.kernels.gravity import carried
 from estimator.kernels.strapdown import DRIFT, END, PUSH
-from estimator.state import StateStruct
+from estimator.state import Floats, StateStruct
 from estimator.tracking.bias_filter import BiasFilter, Step
 from estimator.tracking.bias_state import OWN, BiasState
 from estimator.tracking.evidence import Evidence, Receipt
 from estimator.tracking.steady_motion import SteadyMotion
-
-Floats = NDArray[np.float64]
 
 G = 9.80665
 GRAVITY, VELOCITY, ACCEL_BIAS, MATRIX = (slice(OWN + i, OWN + j) for i, j in ((0, 3), (3, 6), (6, 9), (9, 18)))

@@ -13,11 +13,10 @@ from estimator.geometry.gyro_model import COARSE_STEP
 from estimator.kernels import second_statistics as loop
 from estimator.kernels.second_cuts import cut, let_go, nothing_gathered
 from estimator.samples.sample_buffer import ACCEL, CELSIUS, GYRO, TIME
-from estimator.state import StateStruct, shaped
+from estimator.state import Floats, StateStruct, shaped
 from estimator.stillness.detector import Windows
 from estimator.tracking.sample_gaps import HOLE, unseen
 
-Floats = NDArray[np.float64]
 #: flaw of a second that shows movement
 CLIPPED = "clipped"
 #: rad/s, the coarsest resolution of a gyro; noise above it always shows in the readings

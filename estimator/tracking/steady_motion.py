@@ -13,13 +13,7 @@ Source: innovation correlation as a measure of R, R. K. Mehra, "On the identific
 filtering", IEEE Trans. Automatic Control 15 (1970); the coefficients from tests/bench/honesty.py and tests/bench/tracking.py.
 """
 
-import numpy as np
-from numpy.typing import NDArray
-
-from estimator.state import StateStruct
-
-Floats = NDArray[np.float64]
-
+from estimator.state import Floats, StateStruct
 
 #: s of movement over which c is averaged
 _MEMORY_S = 60.0

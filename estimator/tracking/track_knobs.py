@@ -9,17 +9,6 @@ from estimator.tracking.gravity import GravityKnobs
 
 
 @dataclass(frozen=True, slots=True)
-class MatrixKnobs:
-    """When the matrix that gravity teaches while the device is worn becomes part of the correction."""
-
-    learn: bool = False
-    #: relative standard deviation that every scale factor must reach
-    scale_std: float = 0.01
-    #: share of the variance known before, summed over the matrix, that may be left
-    left: float = 0.8
-
-
-@dataclass(frozen=True, slots=True)
 class TrackKnobs:
     """Settings of the bias tracker. Device seconds, rad/s, m/s²."""
 
@@ -39,4 +28,5 @@ class TrackKnobs:
     history: int | None = 256
     bias: BiasKnobs = field(default_factory=BiasKnobs)
     gravity: GravityKnobs = field(default_factory=GravityKnobs)
-    matrix: MatrixKnobs = field(default_factory=MatrixKnobs)
+    #: whether the matrix that gravity teaches while the device is worn becomes part of the correction
+    learn_matrix: bool = False

@@ -3,11 +3,10 @@
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bridge.reasons.codes import Sentences
 from estimator.geometry.gyro_model import GyroModel
-from estimator.state import StateStruct, shaped
+from estimator.state import Floats, StateStruct, shaped
 from estimator.tracking.accelerometer_check import SCALE_STD, AccelerometerCheck
 from estimator.tracking.bias_filter import BiasFilter, FilterState
 from estimator.tracking.bias_monitor import BiasMonitor
@@ -23,7 +22,10 @@ from estimator.tracking.usual_bias import nearer
 from estimator.tracking.walk_rate import WalkRate
 from estimator.tracking.zaru import Zaru
 
-Floats = NDArray[np.float64]
+#: relative standard deviation that every scale factor must reach before the matrix that gravity teaches comes into use
+_SCALE_STD = 0.01
+#: share of the variance known before, summed over the matrix, that may then be left
+_LEFT = 0.8
 
 
 class TrackerState(StateStruct):
@@ -177,7 +179,7 @@ class TrackedBias:
         """What gravity has taught, (21,): relative change (9) of the matrix in use, row by row, and rms errors; None before.
 
         The errors are those of the changed matrix (9), relative, and of the accelerometer (3), m/s². The change is zero until
-        every scale factor is known to `MatrixKnobs.scale_std`.
+        every scale factor is known to 1 %.
         """
         if len(self._filter.x) == OWN:
             return None
@@ -189,7 +191,7 @@ class TrackedBias:
     @property
     def _scale_known(self) -> bool:
         scale_var = self._filter.cov.diagonal()[MATRIX][::4]
-        return bool(scale_var.max() < self.knobs.matrix.scale_std**2)
+        return bool(scale_var.max() < _SCALE_STD**2)
 
     @property
     def matrix(self) -> Floats:
@@ -200,16 +202,13 @@ class TrackedBias:
     def surer(self) -> bool:
         """Whether gravity has taught the matrix better than it was known before, so that it can come into use.
 
-        False where `MatrixKnobs.learn` is off, or where anything speaks against bias or accelerometer.
+        False where `TrackKnobs.learn_matrix` is off, or where anything speaks against bias or accelerometer.
         """
-        knobs = self.knobs.matrix
-        if not knobs.learn or len(self._filter.x) == OWN:
-            return False
-        if not self._scale_known:
+        if not self.knobs.learn_matrix or len(self._filter.x) == OWN or not self._scale_known:
             return False
         var, model = self._filter.cov.diagonal()[MATRIX], self._model
         known = float(np.square(model.scale_std).sum() + 2 * np.square(model.cross_std).sum())
-        if not float(var.sum()) < knobs.left * known:
+        if not float(var.sum()) < _LEFT * known:
             return False
         return self.sure and not self.doubt.stands and not self._accelerometer.contradicts
 

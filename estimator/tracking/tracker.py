@@ -4,9 +4,8 @@ from dataclasses import dataclass
 from math import sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 
-from estimator.geometry.gyro_model import GyroModel
+from estimator.geometry.gyro_model import Floats, GyroModel
 from estimator.geometry.strapdown import Span, sum_up
 from estimator.tracking.bias_filter import Step
 from estimator.tracking.bias_state import BIAS, OWN, SLOPE, start
@@ -16,8 +15,6 @@ from estimator.tracking.seconds import CLIPPED, LENGTH_S, Second
 from estimator.tracking.tracked_bias import TrackedBias
 from estimator.tracking.zaru import UNPROVEN
 from estimator.tracking.zaru_limits import QUASI_STATIC
-
-Floats = NDArray[np.float64]
 
 #: s, tolerance when the end of a restored state is compared with the start of a second
 _SAME_S = 1e-3

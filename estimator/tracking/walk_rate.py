@@ -11,13 +11,10 @@ from math import isnan, radians
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
-from estimator.state import StateStruct, shaped
+from estimator.state import Floats, StateStruct, shaped
 from estimator.tracking.bias_state import SLOPE, BiasKnobs, BiasState
 from estimator.tracking.seconds import Second
-
-Floats = NDArray[np.float64]
 
 #: s, tolerance when the end of a second is compared with the start of the next
 _SAME_S = 1e-3

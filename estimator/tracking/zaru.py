@@ -11,10 +11,9 @@ from math import ceil, inf
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
 from estimator.kernels.zaru import along, calm, together, upright
-from estimator.state import StateStruct, shaped
+from estimator.state import Floats, StateStruct, shaped
 from estimator.tracking import zaru_limits as limits
 from estimator.tracking.bias_filter import BiasFilter
 from estimator.tracking.bias_state import BIAS
@@ -22,8 +21,6 @@ from estimator.tracking.evidence import GATES, Evidence, Receipt
 from estimator.tracking.gravity import GRAVITY
 from estimator.tracking.seconds import Second
 from estimator.tracking.tilt_check import TiltCheck
-
-Floats = NDArray[np.float64]
 
 #: number of latest seconds whose means are compared
 _RECENT = 8

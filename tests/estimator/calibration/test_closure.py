@@ -2,12 +2,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from bridge.sim.imu_errors import ImuSpec
 from bridge.sim.motion_scripts import SessionPlan
 from estimator.calibration import closure, turn360
-from estimator.calibration.capture import Capture
+from estimator.calibration.capture import Capture, Floats
 from estimator.calibration.closure import ClosureKnobs
 from estimator.calibration.methods import METHODS
 from estimator.calibration.replacement_error import Replacement
@@ -16,7 +15,6 @@ from tests.estimator.calibration.sessions import progress
 from tests.estimator.calibration.slow_closure import slow_closure
 from tests.estimator.stream import Stream, calibration
 
-Floats = NDArray[np.float64]
 #: the simulator's hand and bias where a test says no other
 EXACT = ClosureKnobs(Replacement(1e-9, 1e-9), misalignment_std=0.0, rate_random_walk=0.0)
 

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from estimator.samples.sample_buffer import GYRO
+from estimator.samples.sample_buffer import GYRO, Floats
 from estimator.stillness.detector import Stillness, Window
 
-Floats = NDArray[np.float64]
 RATE_HZ, N = 104.0, 208
 
 

@@ -8,11 +8,10 @@ import pytest
 from numpy.typing import NDArray
 
 from estimator.kernels.stillness import TOLD
-from estimator.samples.sample_buffer import ACCEL, CELSIUS, GYRO
+from estimator.samples.sample_buffer import ACCEL, CELSIUS, GYRO, Floats
 from estimator.stillness.detector import Stillness, StillnessKnobs, Window
 from tests.estimator.stillness.reference import ReferenceStillness
 
-Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Columns = tuple[Floats, Floats, Floats, Flags]
 #: there are new rests within a stream of a minute

@@ -2,15 +2,13 @@
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from estimator.tracking.bias_filter import BiasFilter
-from estimator.tracking.bias_state import SLOPE, BiasKnobs, start
+from estimator.tracking.bias_state import SLOPE, BiasKnobs, Floats, start
 from estimator.tracking.bounded_motion import INSIST, VERTICAL_INSIST, BoundedMotion
 from estimator.tracking.evidence import Receipt
 from estimator.tracking.seconds import Second
 
-Floats = NDArray[np.float64]
 BIAS = np.radians([1.0, -2.0, 0.5])
 N = 104
 

@@ -2,15 +2,13 @@
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from estimator.geometry.strapdown import sum_up
 from estimator.tracking.bias_filter import BiasFilter
-from estimator.tracking.bias_state import BIAS, SLOPE, BiasKnobs, BiasState, start
+from estimator.tracking.bias_state import BIAS, SLOPE, BiasKnobs, BiasState, Floats, start
 from estimator.tracking.evidence import Receipt
 from estimator.tracking.gravity import ACCEL_BIAS, GRAVITY, MATRIX, SIZE, VELOCITY, G, Gravity, GravityKnobs
 
-Floats = NDArray[np.float64]
 N, STEP = 400, 1e-6
 UP = np.array([0.48, 0.6, 0.64])
 

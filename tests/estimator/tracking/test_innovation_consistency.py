@@ -2,12 +2,9 @@
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
-from estimator.tracking.evidence import Receipt
+from estimator.tracking.evidence import Floats, Receipt
 from estimator.tracking.innovation_consistency import WINDOW, InnovationConsistency
-
-Floats = NDArray[np.float64]
 
 
 def told(innovations: Floats) -> InnovationConsistency:

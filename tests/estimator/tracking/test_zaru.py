@@ -3,7 +3,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from bridge.sim.motion import Piece, Spin, Still
 from estimator.tracking.bias_filter import BiasFilter
@@ -15,10 +14,9 @@ from estimator.tracking.zaru import REFUSED_TILT, UNPROVEN, Zaru
 from estimator.tracking.zaru_limits import INSIST_S, PROVEN_AFTER
 from estimator.tracking.zaru_limits import QUASI_STATIC as MOTION
 from estimator.tracking.zaru_limits import UNPROVEN as UNPROVEN_STD
-from tests.estimator.stream import Stream, stream
+from tests.estimator.stream import Floats, Stream, stream
 from tests.estimator.tracking.worn import LEVEL, PLAIN, Worn, rest
 
-Floats = NDArray[np.float64]
 BIAS = np.radians([1.0, -2.0, 0.5])
 UP = np.array([0.0, 0.0, 1.0])
 N = 104

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from bridge.sim.imu_errors import ImuSpec
 from bridge.sim.motion import Still
-from estimator.geometry.gyro_model import GyroModel
+from estimator.geometry.gyro_model import Floats, GyroModel
 from estimator.stillness.detector import Stillness, Windows
 from estimator.tracking.bias_state import BiasKnobs
 from estimator.tracking.evidence import Receipt
@@ -17,7 +17,6 @@ from estimator.tracking.track_knobs import TrackKnobs
 from estimator.tracking.tracker import Tracker
 from tests.estimator.stream import Stream, stream
 
-Floats = NDArray[np.float64]
 #: nothing wrong with it but the bias and white noise
 PLAIN = ImuSpec(scale=(1.0, 1.0), bias_limit_dps=2.0)
 KNOBS = TrackKnobs(bias=BiasKnobs(warm_up_walk=0.0))
