@@ -94,16 +94,23 @@ def machine(
     up = np.array([0.0, 0.0, 1.0]) if up is None else up
     pieces: list[Piece] = [Still(rest_s)]
     for mount in mounts:
-        across = np.cross(mount, up)
-        angle = float(np.arctan2(np.linalg.norm(across), mount @ up))
-        if np.pi - angle < 1e-9:
-            across = np.cross(up, np.eye(3)[np.argmin(np.abs(up))])
-        if angle > 1e-9:
-            pieces += [Turn(1.0, across / np.linalg.norm(across), angle, np.array([[0.0, 1.0, 1.0]])), Still(rest_s)]
+        if (turn := tipped(up, mount, 1.0)).angle > 1e-9:
+            pieces += [turn, Still(rest_s)]
         for rate in np.radians(rates_dps):
             pieces += [Spin(spin_s, mount, float(rate)), Still(rest_s)]
         up = mount
     return pieces
+
+
+def tipped(up: Array, then: Array, duration_s: float, wobble: Array | None = None) -> Turn:
+    """Return the turn, in one go, after which the unit vector `then` (3,) in sensor axes points up instead of `up`."""
+    across = np.cross(then, up)
+    angle = float(np.arctan2(np.linalg.norm(across), then @ up))
+    if np.pi - angle < 1e-9:  # upside down: any axis across will do
+        across = np.cross(up, np.eye(3)[np.argmin(np.abs(up))])
+    size = float(np.linalg.norm(across)) or 1.0
+    wobble = np.zeros((1, 3)) if wobble is None else wobble
+    return Turn(duration_s, across / size, angle, np.array([[0.0, duration_s, 1.0]]), wobble)
 
 
 def any_three_turns(rng: np.random.Generator) -> tuple[TurnPlan, ...]:

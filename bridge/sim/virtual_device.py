@@ -24,10 +24,10 @@ from bridge.framing.packets import (
     encode_identify,
     encode_own,
 )
-from bridge.sim.imu_errors import DEMO_SPEC, ImuSpec, Truth
+from bridge.sim.imu_errors import DEMO_SPEC, ImuSpec
 from bridge.sim.motion_scripts import demo_script
 from bridge.sim.quaternion import Array
-from bridge.sim.sample_source import Samples, SimulatedSource, Source, TrueSamples
+from bridge.sim.sample_source import Samples, SimulatedSource, Source
 from bridge.sim.truth_log import TruthLog
 from bridge.sim.ward_script import Life
 from bridge.wire.messages import DeviceCalibration
@@ -95,14 +95,16 @@ class VirtualDevice:
         self._source = source
         self._draw_boot = draw_boot
         self._rng = np.random.default_rng([seed, zlib.crc32(name.encode())])
-        self._truth = TruthLog(round(self.spec.truth_s * source.sensor.rate_hz))
+        #: true sensor parameters of each boot, and truth of the latest samples
+        self.truth = TruthLog(round(self.spec.truth_s * source.sensor.rate_hz))
         self._clock_pace = 1 + self.spec.skew_ppm * 1e-6
         self._deframer = Deframer()
         self._asked = self._host_seen = False
         self._rate_hz: float | None  # rate command not yet obeyed
         self._switches: deque[bool] = deque()
         self._time_s = 0.0
-        self._sent: dict[int, int] = {}
+        #: number of samples sent, by boot number
+        self.sent: dict[int, int] = {}
         self._now: _Boot | None = self._power_up()
 
     @property
@@ -132,26 +134,6 @@ class VirtualDevice:
         if self._now is not None:
             now = self._now
             now.own = DeviceCalibration(now.number, now.sent & _MASK_32, tuple(scale.tolist()), tuple(bias.tolist()))
-
-    def truth_of(self, boot: int) -> Truth:
-        """Return the true sensor parameters of a boot; raises LookupError for an unknown boot."""
-        return self._truth.sensor(boot)
-
-    def truth_between(self, boot: int, first: int, last: int) -> TrueSamples:
-        """Return the truth of samples first to last of a boot, both included; raises LookupError if not held.
-
-        first, last: sequence numbers since boot, not wrapped.
-        """
-        return self._truth.between(boot, first, last)
-
-    def sent(self, boot: int) -> int:
-        """Return the number of samples sent in a boot; raises LookupError for an unknown boot."""
-        return self._sent[boot]
-
-    @property
-    def all_sent(self) -> dict[int, int]:
-        """Number of samples sent, by boot number."""
-        return dict(self._sent)
 
     def receive(self, data: bytes) -> None:
         """Take bytes from the host, such as identify and rate commands; answers follow at the next advance."""
@@ -203,7 +185,7 @@ class VirtualDevice:
         boot = int(self._rng.integers(2**64, dtype=np.uint64))
         if self._draw_boot is not None:
             boot = self._draw_boot()
-        self._truth.begin(boot, self._source.power_up(self._rng.spawn(1)[0], 1 / self._clock_pace))
+        self.truth.begin(boot, self._source.power_up(self._rng.spawn(1)[0], 1 / self._clock_pace))
         return _Boot(boot, self._time_s, self.spec.silence_s)
 
     def _hello(self, now: _Boot) -> bytes:
@@ -255,7 +237,7 @@ class VirtualDevice:
                 now.ended = True
                 break
             if more.truth is not None:
-                self._truth.add(now.number, now.read, more.truth)
+                self.truth.add(now.number, now.read, more.truth)
             now.read += len(more)
             now.ready = more if not now.ready else now.ready.joined(more)
         return now.ready or None
@@ -271,7 +253,7 @@ class VirtualDevice:
             temperature_c=samples.temperature_c.astype(np.float32),
         )
         now.sent += len(samples)
-        self._sent[now.number] = now.sent
+        self.sent[now.number] = now.sent
         return frame(encode_data(data))
 
 

@@ -20,13 +20,21 @@ from math import degrees, radians
 import numpy as np
 import scipy
 
-from bridge.reasons.codes import Code, Sentences
+from bridge.reasons.codes import Code
 from bridge.wire.messages import Verdict
 from estimator.calibration import accelerometer_errors
 from estimator.calibration.accelerometer_errors import G
 from estimator.calibration.capture import Capture, Floats, Movement
-from estimator.calibration.gravity_propagation import COLUMN, MATRIX_PARAMETERS, ROW, Problem, TransitionKnobs, collect
-from estimator.calibration.result import Result, VerdictKnobs, nothing, turn_report, unbelievable
+from estimator.calibration.gravity_propagation import (
+    COLUMN,
+    MATRIX_PARAMETERS,
+    ROW,
+    Problem,
+    TransitionKnobs,
+    collect,
+    matrix_of,
+)
+from estimator.calibration.result import SCALE_STD, Result, concluded, nothing, turn_report
 from estimator.calibration.turn_path import Path, integrate
 from estimator.geometry import rotation
 from estimator.geometry.gyro_model import reading_std
@@ -60,7 +68,7 @@ def by_accel_aided(capture: Capture) -> Result:
     def residuals(x: Floats) -> tuple[Floats, Floats]:
         r, J = [], []
         for samples, before, after, b_m in steps:
-            path = integrate(samples, _matrix(x), b_m, noise_std)
+            path = integrate(samples, matrix_of(x), b_m, noise_std)
             arrived = path.end @ after
             r.append(arrived - before)
             J.append(_turned(arrived) @ path.by_matrix[:, ROW, COLUMN])
@@ -71,7 +79,7 @@ def by_accel_aided(capture: Capture) -> Result:
     r, J = residuals(found.x)
     if np.linalg.cond(J.T @ J) > 1e8:
         return nothing("accel_aided", Verdict.REPEAT, (Code.POSES_UNDETERMINED(),), (0, 1, 2))
-    M = _matrix(found.x)
+    M = matrix_of(found.x)
     paths = [integrate(samples, M, b_m, noise_std) for samples, _, _, b_m in steps]
     factors = problem.factors(problem.solve(np.concatenate([off.mean, found.x, np.zeros(accelerometer_errors.N)])))
     gain = np.linalg.solve(J.T @ J, J.T)
@@ -151,28 +159,14 @@ def _that_differ(accel: Floats) -> int:
     return len(counted)
 
 
-def _matrix(x: Floats) -> Floats:
-    M = np.empty((3, 3))
-    M[ROW, COLUMN] = x
-    return M
-
-
 def _judge(
     capture: Capture, movements: Sequence[Movement], M: Floats, b: Floats, covariance: Floats, r: Floats
 ) -> Result:
-    limits = VerdictKnobs()
     missed = degrees(float(np.sqrt(np.mean(np.sum(r.reshape(-1, 3) ** 2, axis=1)))))
     carried = Code.GRAVITY_CARRIED(movements=len(movements), angle_deg=f"{missed:.2f}")
-    reason: Sentences = (Code.FULL_MATRIX(), carried)
-    verdict = Verdict.ACCEPTED
-    repeat: tuple[int, ...] = ()
-    bad = unbelievable(np.diag(M), limits)
-    std = np.sqrt(np.diag(covariance)[3:])
-    if bad is not None:
-        verdict, repeat, reason = Verdict.REFUSED, *bad
-    elif std.max() > limits.scale_std:
-        verdict, repeat = Verdict.REPEAT, (0, 1, 2)
-        reason = (Code.MATRIX_UNCERTAIN(percent=f"{100 * std.max():.1f}"),)
+    std = np.sqrt(np.diag(covariance)[3:]).max()
+    unsure = Verdict.REPEAT, (0, 1, 2), (Code.MATRIX_UNCERTAIN(percent=f"{100 * std:.1f}"),)
+    verdict, repeat, reason = concluded(np.diag(M), (Code.FULL_MATRIX(), carried), unsure if std > SCALE_STD else None)
     rests = [m.before for m in movements]
     noise_std = np.median([reading_std(rest.std) for rest in rests], axis=0)
     turns = tuple(turn_report(turn, M, b) for turn in capture.turns)

@@ -8,8 +8,6 @@ Source: I. Frosio, F. Pedersini, N. A. Borghese, "Autocalibration of MEMS accele
 Instrumentation and Measurement 58 (2009), with bias and scale only.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from bridge.reasons.codes import Code, Sentence
@@ -22,55 +20,48 @@ from estimator.calibration.least_squares import Solved, shown_size, solve
 FEWEST_POSES = 6
 _STEPS = 5
 
-
-@dataclass(frozen=True, slots=True)
-class AccelerometerVerdictKnobs:
-    """Limits within which an accelerometer calibration is accepted, and the error sizes that its fit assumes."""
-
-    #: m/s², standard deviation of a rest's error beside its noise: a wearer's breath, hysteresis, bias instability
-    rest_std: float = 0.01
-    #: largest cross-axis sensitivity: share of one axis's acceleration in the reading of another
-    across: float = 0.02
-    #: m/s² and relative: a greater standard deviation means that the poses do not determine an axis
-    bias_std: float = 0.05
-    scale_std: float = 0.01
-    #: m/s² and relative: greater errors are no accelerometer's
-    bias: float = 1.5
-    scale: float = 0.1
-    #: largest ratio of the residuals' variance to the variance that the assumed errors explain
-    misfit: float = 9.0
+#: m/s², standard deviation of a rest's error beside its noise: a wearer's breath, hysteresis, bias instability
+_REST_STD = 0.01
+#: largest cross-axis sensitivity: share of one axis's acceleration in the reading of another
+_ACROSS = 0.02
+#: m/s² and relative: a greater standard deviation means that the poses do not determine an axis
+_BIAS_STD, _SCALE_STD = 0.05, 0.01
+#: m/s² and relative: greater errors are no accelerometer's
+_BIAS, _SCALE = 1.5, 0.1
+#: largest ratio of the residuals' variance to the variance that the assumed errors explain
+_MISFIT = 9.0
 
 
-def calibrated(poses: Floats, knobs: AccelerometerVerdictKnobs | None = None) -> AccelerometerCalibration:
+def calibrated(poses: Floats) -> AccelerometerCalibration:
     """Calibrate an accelerometer's bias (m/s²) and scale per axis from rests in n poses, with covariance and verdict.
 
-    poses (n, 4): variance of the mean reading, m²/s⁴, then the mean reading (3,), m/s². knobs: limits, default if None.
+    poses (n, 4): variance of the mean reading, m²/s⁴, then the mean reading (3,), m/s².
     Verdict REPEAT: fewer than six poses, or an axis stays uncertain. REFUSED: values no accelerometer has, or a large
     misfit. Neither contains an estimate.
     """
-    knobs, told, n = knobs or AccelerometerVerdictKnobs(), AccelKnobs().shear, len(poses)
+    told, n = AccelKnobs().shear, len(poses)
     if n < FEWEST_POSES:
         return _without(Verdict.REPEAT, n, Code.TOO_FEW_POSES(poses=n, least=FEWEST_POSES))
     bias, scale = np.zeros(3), np.ones(3)
     try:
         for _ in range(_STEPS):
-            step = _solved(poses, bias, scale, told, knobs).step
+            step = _solved(poses, bias, scale, told).step
             bias, scale = bias + step[:3], scale + step[3:]
-        across = shown_size(lambda size: _solved(poses, bias, scale, size, knobs), told, knobs.across)
-        found = _solved(poses, bias, scale, across, knobs)
+        across = shown_size(lambda size: _solved(poses, bias, scale, size), told, _ACROSS)
+        found = _solved(poses, bias, scale, across)
     except np.linalg.LinAlgError:
         return _without(Verdict.REPEAT, n, Code.ACCELEROMETER_UNCERTAIN())
     bias, scale = bias + found.step[:3], scale + found.step[3:]
     misfit = found.misfit()
     covariance = misfit * found.cov
     std = np.sqrt(covariance.diagonal())
-    if not (std[:3].max() < knobs.bias_std and std[3:].max() < knobs.scale_std):
+    if not (std[:3].max() < _BIAS_STD and std[3:].max() < _SCALE_STD):
         return _without(Verdict.REPEAT, n, Code.ACCELEROMETER_UNCERTAIN())
-    if not (np.abs(bias).max() < knobs.bias and np.abs(scale - 1).max() < knobs.scale):
+    if not (np.abs(bias).max() < _BIAS and np.abs(scale - 1).max() < _SCALE):
         strength = np.linalg.norm(poses[:, 1:], axis=1)
         worst = strength[np.argmax(np.abs(strength - G))]
         return _without(Verdict.REFUSED, n, Code.ACCELEROMETER_NOT_GRAVITY(reading_m_s2=f"{worst:.1f}"))
-    if misfit > knobs.misfit:
+    if misfit > _MISFIT:
         return _without(Verdict.REFUSED, n, Code.ACCELEROMETER_MISFIT(times=f"{misfit**0.5:.1f}"))
     return AccelerometerCalibration(
         Verdict.ACCEPTED,
@@ -94,7 +85,7 @@ def in_use(known: AccelerometerCalibration) -> Floats:
     return np.array([*known.bias, *known.scale, *np.sqrt(error)])
 
 
-def _solved(poses: Floats, bias: Floats, scale: Floats, across: float, knobs: AccelerometerVerdictKnobs) -> Solved:
+def _solved(poses: Floats, bias: Floats, scale: Floats, across: float) -> Solved:
     """A step of bias and scale; what axes take from each other (std `across`) correlates the residuals."""
     from_bias = poses[:, 1:] - bias
     gravity = scale * from_bias
@@ -102,7 +93,7 @@ def _solved(poses: Floats, bias: Floats, scale: Floats, across: float, knobs: Ac
     up = gravity / strength[:, None]
     slopes = np.column_stack([-scale * up, from_bias * up])
     taken = from_bias[:, [1, 0, 0]] * up[:, [2, 2, 1]] + from_bias[:, [2, 2, 1]] * up[:, [1, 0, 0]]
-    noise = np.diag(poses[:, 0] + knobs.rest_std**2)
+    noise = np.diag(poses[:, 0] + _REST_STD**2)
     return solve(strength - G, slopes, noise + across**2 * taken @ taken.T)
 
 

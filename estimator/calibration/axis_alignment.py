@@ -11,14 +11,11 @@ from collections.abc import Sequence
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from bridge.reasons.codes import Code, Sentence
 from estimator.calibration.capture import Rest, Samples
 from estimator.geometry import rotation
-from estimator.geometry.gyro_model import AXES
-
-Floats = NDArray[np.float64]
+from estimator.geometry.gyro_model import AXES, Floats
 
 #: (48, 3, 3) all signed permutations of the axes, the identity first
 MAPPINGS: Floats = np.array(

@@ -1,7 +1,6 @@
 """Captured data of a calibration session in device time: rests, and turns and movements with the rests around them."""
 
 from collections import deque
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from math import radians
 
@@ -9,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.geometry.gyro_model import mean_var, rounding_var
-from estimator.samples.sample_buffer import ACCEL, CLIPPED, GYRO, TIME, WIDTH
-from estimator.stillness.detector import Window
+from estimator.samples.sample_buffer import ACCEL, CLIPPED, GYRO, TIME
 
 Floats = NDArray[np.float64]
 #: sine of the largest angle between a turn's axis and the horizon at which gravity shows the turn
@@ -28,20 +26,6 @@ class Samples:
 
     def __len__(self) -> int:
         return len(self.time)
-
-    @staticmethod
-    def of(windows: Sequence[Window]) -> "Samples":
-        """Join the samples of one or more consecutive windows, with spikes mended.
-
-        accel is None unless every window has accelerometer readings.
-        """
-        if len(windows) == 1:
-            (window,) = windows
-            return Samples(window.time, window.gyro, window.accel, window.clipped)
-        forces = [window.accel for window in windows if window.accel is not None]
-        time, gyro = (np.concatenate([getattr(window, name) for window in windows]) for name in ("time", "gyro"))
-        accel = np.concatenate(forces) if len(forces) == len(windows) else None
-        return Samples(time, gyro, accel, np.concatenate([window.clipped for window in windows]))
 
     def between(self, start: float, end: float) -> "Samples":
         """Samples with start <= time <= end, device time in s; may be empty."""
@@ -142,14 +126,6 @@ class History:
         self._keep_s = keep_s
         #: rows (n, 9) of windows; Samples are made only on request, which is rare
         self._held: deque[Floats] = deque()
-
-    def add(self, samples: Samples) -> None:
-        """Append the next samples of the stream, and drop blocks of samples older than `keep_s` seconds."""
-        rows = np.full((len(samples), WIDTH), np.nan)
-        rows[:, TIME], rows[:, GYRO], rows[:, CLIPPED] = samples.time, samples.gyro, samples.clipped
-        if samples.accel is not None:
-            rows[:, ACCEL] = samples.accel
-        self.take(rows)
 
     def take(self, rows: Floats) -> None:
         """Append rows (n, 9) of sample_buffer, n > 0, and drop blocks of rows older than `keep_s` seconds."""

@@ -8,70 +8,58 @@ is the gyro's rounding step. A matrix or a filter after the clipping blurs the e
 thousandth of the reading, and readings there scatter less than the gyro does at rest.
 """
 
-from dataclasses import dataclass
 from math import inf
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimator.calibration.capture import Samples
-from estimator.geometry.gyro_model import least_step
+from estimator.geometry.gyro_model import Floats, least_step
 
-Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-
-@dataclass(frozen=True, slots=True)
-class ClippingKnobs:
-    """Full-scale range of the gyro, and limits beyond which readings count as clipped."""
-
-    #: full-scale range, rad/s; infinite: not known
-    gyro_range: float = inf
-    #: share of the range from which a reading is clipped, and beyond which the device uses another range
-    near: float = 0.99
-    beyond: float = 1.02
-    #: least number of samples at the largest reading, and least ratio to those in the five steps below it; with 5
-    #: samples one smooth turn in 2000 looks clipped, and the angle lost in 7 is below 0.01 degrees
-    samples: int = 8
-    times: float = 2.0
-    #: blurred end of the range: step over the largest reading; and largest scatter there, over that at rest
-    blur: float = 1e-3
-    quieter: float = 0.5
+#: share of the range from which a reading is clipped, and beyond which the device uses another range
+_NEAR, _BEYOND = 0.99, 1.02
+#: least number of samples at the largest reading, and least ratio to those in the five steps below it; with 5
+#: samples one smooth turn in 2000 looks clipped, and the angle lost in 7 is below 0.01 degrees
+_SAMPLES, _TIMES = 8, 2.0
+#: blurred end of the range: step over the largest reading; and largest scatter there, over that at rest
+_BLUR, _QUIETER = 1e-3, 0.5
 
 
-def clipped(samples: Samples, noise_std: Floats, knobs: ClippingKnobs) -> Flags:
+def clipped(samples: Samples, noise_std: Floats, gyro_range: float) -> Flags:
     """Flags (n,) of the clipped samples of one movement: by the bridge, by the known range, or by repetition of the readings.
 
-    noise_std (3,) rad/s: standard deviation of one reading at rest.
+    noise_std (3,) rad/s: standard deviation of one reading at rest. gyro_range: full-scale range, rad/s; infinite: not known.
     """
-    known = at_range(samples, knobs)
-    return known if known.any() else _repeated(samples.gyro, noise_std, knobs)
+    known = at_range(samples, gyro_range)
+    return known if known.any() else _repeated(samples.gyro, noise_std)
 
 
-def at_range(samples: Samples, knobs: ClippingKnobs) -> Flags:
+def at_range(samples: Samples, gyro_range: float) -> Flags:
     """Flags (n,) of the samples clipped according to the bridge or the known range."""
     size = np.abs(samples.gyro)
-    if not float(size.max(initial=0.0)) <= knobs.beyond * knobs.gyro_range < inf:
+    if not float(size.max(initial=0.0)) <= _BEYOND * gyro_range < inf:
         return samples.clipped
-    return np.asarray(samples.clipped | (size >= knobs.near * knobs.gyro_range).any(axis=1))
+    return np.asarray(samples.clipped | (size >= _NEAR * gyro_range).any(axis=1))
 
 
-def _repeated(gyro: Floats, noise_std: Floats, knobs: ClippingKnobs) -> Flags:
+def _repeated(gyro: Floats, noise_std: Floats) -> Flags:
     """Flags (n,) of the samples at the largest of readings (n, 3), if it repeats as only the end of a range does."""
     at, axis = np.unravel_index(int(np.argmax(np.abs(gyro))), gyro.shape)
     reading = np.copysign(1.0, gyro[at, axis]) * gyro[:, axis]
-    own, blurred = float(least_step(gyro)[axis]), knobs.blur * float(reading.max())
-    ends = _end(reading, own, knobs)
+    own, blurred = float(least_step(gyro)[axis]), _BLUR * float(reading.max())
+    ends = _end(reading, own)
     if not ends.any() and blurred > own:
-        ends = _end(reading, blurred, knobs)
-        if ends.any() and reading[ends].std() > knobs.quieter * noise_std[axis]:
+        ends = _end(reading, blurred)
+        if ends.any() and reading[ends].std() > _QUIETER * noise_std[axis]:
             ends = np.zeros(len(gyro), bool)
     return ends
 
 
-def _end(reading: Floats, step: float, knobs: ClippingKnobs) -> Flags:
+def _end(reading: Floats, step: float) -> Flags:
     """Flags (n,) of the readings (n,) at the largest one, within a step; none where a smooth movement may have as many there."""
     below = (reading.max() - reading) / step
     at_the_end, just_below = below < 0.99, (below >= 0.99) & (below < 5.99)
-    enough = np.count_nonzero(at_the_end) >= max(knobs.samples, knobs.times * np.count_nonzero(just_below) + 1)
+    enough = np.count_nonzero(at_the_end) >= max(_SAMPLES, _TIMES * np.count_nonzero(just_below) + 1)
     return at_the_end if enough else np.zeros(len(reading), bool)

@@ -11,18 +11,16 @@ from math import radians
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
-from bridge.reasons.codes import Code, Sentence
+from bridge.reasons.codes import Code
 from estimator.calibration import misalignment
 from estimator.calibration import replacement_error as replacement
 from estimator.calibration.capture import Capture, Rest, TurnCapture
 from estimator.calibration.closure_fit import Evidence, Fit, fit, linearise
 from estimator.calibration.replacement_error import End, Replacement
+from estimator.calibration.result import NotConverged
 from estimator.geometry import rotation
-from estimator.geometry.gyro_model import reading_std
-
-Floats = NDArray[np.float64]
+from estimator.geometry.gyro_model import Floats, reading_std
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,14 +39,6 @@ class ClosureKnobs:
     coning_below_hz: float = 50.0
     #: probability below which the scatter of the rests is taken for a faster-moving bias
     honest_p: float = 0.01
-
-
-class NotConverged(Exception):
-    """No bias and scale factors close the three turns; `reason` says why."""
-
-    def __init__(self, reason: Sentence) -> None:
-        super().__init__(reason)
-        self.reason = reason
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,7 +60,6 @@ class Closure:
     misalignment_std: float
     chi2: float
     dof: int
-    iterations: int
 
 
 def estimate(capture: Capture, knobs: ClosureKnobs | None = None) -> Closure:
@@ -106,7 +95,6 @@ def estimate(capture: Capture, knobs: ClosureKnobs | None = None) -> Closure:
         misalignment_std=askew,
         chi2=float(found.chi2[0]),
         dof=3 * len(rests) + 3,
-        iterations=found.iterations,
     )
 
 

@@ -7,27 +7,17 @@ import numpy as np
 
 from bridge.reasons.codes import Code, Sentences
 from estimator.calibration.capture import Floats, Samples
+from estimator.calibration.result import K_MAX, K_MIN
 from estimator.geometry.gyro_model import least_step, mean_var
 
-
-@dataclass(frozen=True, slots=True)
-class PlateauKnobs:
-    """Limits within which a rate is constant; s and rad/s.
-
-    window_s: length of the windows that are compared. least_s: length of the shortest plateau.
-    """
-
-    window_s: float = 0.2
-    least_s: float = 1.0
-    #: largest difference of a window's mean from its plateau's: absolute, plus a share of the rate
-    tolerance: float = radians(0.3)
-    share: float = 0.005
-    #: largest scatter of its readings: multiple of that of the quietest windows, plus a share of the rate for the
-    #: machine's hum
-    noise_factor: float = 5.0
-    hum_share: float = 0.02
-    #: largest difference of a rest's mean from that of the others
-    rest: float = radians(1.0)
+#: s, length of the windows that are compared, and of the shortest plateau
+_WINDOW_S, _LEAST_S = 0.2, 1.0
+#: largest difference of a window's mean from its plateau's: rad/s, plus a share of the rate
+_TOLERANCE, _SHARE = radians(0.3), 0.005
+#: largest scatter of its readings: multiple of that of the quietest windows, plus a share of the rate for the machine's hum
+_NOISE_FACTOR, _HUM_SHARE = 5.0, 0.02
+#: rad/s, largest difference of a rest's mean from that of the others
+_REST = radians(1.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,13 +36,12 @@ class Plateau:
     clipped: bool
 
 
-def plateaus(samples: Samples, knobs: PlateauKnobs | None = None) -> list[Plateau]:
+def plateaus(samples: Samples) -> list[Plateau]:
     """Find all stretches of constant rate in a recording, in the order of time; empty when there are none.
 
     The first and last window of a plateau are cut off, because they may contain a ramp.
     """
-    knobs = knobs or PlateauKnobs()
-    step = max(round(knobs.window_s / float(np.median(np.diff(samples.time)))), 4)
+    step = max(round(_WINDOW_S / float(np.median(np.diff(samples.time)))), 4)
     n = len(samples) // step
     if n < 3:
         return []
@@ -60,24 +49,24 @@ def plateaus(samples: Samples, knobs: PlateauKnobs | None = None) -> list[Platea
     mean, std = windows.mean(axis=1), windows.std(axis=1, ddof=1)
     quiet = np.maximum(np.quantile(std, 0.2, axis=0), radians(0.01))
     size = np.linalg.norm(mean, axis=1)
-    calm = np.all(std <= knobs.noise_factor * quiet + knobs.hum_share * size[:, None], axis=1)
+    calm = np.all(std <= _NOISE_FACTOR * quiet + _HUM_SHARE * size[:, None], axis=1)
     found, first = [], 0
     for i in range(1, n + 1):
-        if i < n and calm[i] and calm[first] and _same(mean[first], mean[i], knobs, quiet / np.sqrt(step)):
+        if i < n and calm[i] and calm[first] and _same(mean[first], mean[i], quiet / np.sqrt(step)):
             continue
         if calm[first]:
-            found += _plateau(samples, (first + 1) * step, (i - 1) * step, knobs)
+            found += _plateau(samples, (first + 1) * step, (i - 1) * step)
         first = i
     return found
 
 
-def _same(a: Floats, b: Floats, knobs: PlateauKnobs, noise: Floats) -> bool:
-    near = knobs.tolerance + knobs.share * float(np.linalg.norm(a)) + 6 * noise
+def _same(a: Floats, b: Floats, noise: Floats) -> bool:
+    near = _TOLERANCE + _SHARE * float(np.linalg.norm(a)) + 6 * noise
     return bool(np.all(np.abs(a - b) < near))
 
 
-def _plateau(samples: Samples, start: int, end: int, knobs: PlateauKnobs) -> list[Plateau]:
-    if end - start < 4 or samples.time[end - 1] - samples.time[start] < knobs.least_s:
+def _plateau(samples: Samples, start: int, end: int) -> list[Plateau]:
+    if end - start < 4 or samples.time[end - 1] - samples.time[start] < _LEAST_S:
         return []
     gyro = samples.gyro[start:end]
     std = gyro.std(axis=0, ddof=1)
@@ -95,15 +84,12 @@ def _stuck(gyro: Floats, of: Floats) -> bool:
     return bool(np.any((least >= 0.999 * most) & (np.ptp(gyro, axis=0) == 0) & (np.ptp(of, axis=0) > 0.5 * most)))
 
 
-def split(
-    found: list[Plateau], rates: tuple[float, ...], knobs: PlateauKnobs | None = None
-) -> tuple[list[Plateau], list[Plateau], list[Plateau]]:
+def split(found: list[Plateau], rates: tuple[float, ...]) -> tuple[list[Plateau], list[Plateau], list[Plateau]]:
     """Split plateaus into rests, turns, and others: clipped, or too fast for a rest and too slow for a turn.
 
     rates: known rates of the machine, rad/s. Works for any bias: about any one axis most stretches read little but the
     bias, as rests do.
     """
-    knobs = knobs or PlateauKnobs()
     if not found:
         return [], [], []
     mean, slowest = np.array([p.mean for p in found]), min(rates)
@@ -111,7 +97,7 @@ def split(
     centre = np.median(mean[slow] if slow.any() else mean, axis=0)
     rests, spins, others = [], [], []
     for p, size in zip(found, np.linalg.norm(mean - centre, axis=1), strict=True):
-        if size < min(knobs.rest, 0.3 * slowest):
+        if size < min(_REST, 0.3 * slowest):
             rests.append(p)
         elif size >= 0.5 * slowest and not p.clipped:
             spins.append(p)
@@ -126,7 +112,7 @@ def said_of_others(others: list[Plateau]) -> Sentences:
     return (Code.STRETCHES_LEFT_OUT(stretches=len(others), clipped=clipped),) if others else ()
 
 
-def nearest_rates(size: Floats, rates: tuple[float, ...], k_min: float = 0.7, k_max: float = 1.4) -> Floats:
+def nearest_rates(size: Floats, rates: tuple[float, ...]) -> Floats:
     """Known rate (n,) at which each plateau of one axis was turned, from its reading's size (n,) rad/s; 0 for none.
 
     One scale factor must explain most readings; of several that do, the one nearest to 1 is used. A reading more than
@@ -134,7 +120,7 @@ def nearest_rates(size: Floats, rates: tuple[float, ...], k_min: float = 0.7, k_
     """
     known = np.array(rates)
     candidates = (known / size[:, None]).ravel()
-    candidates = candidates[(candidates >= k_min) & (candidates <= k_max)]
+    candidates = candidates[(candidates >= K_MIN) & (candidates <= K_MAX)]
     if not len(candidates):
         return np.zeros(len(size))
     guesses = known[np.argmin(np.abs(candidates[:, None, None] * size[:, None] - known), axis=2)]

@@ -85,10 +85,10 @@ class Transitions:
         )
 
 
-def matrix_of(theta: Floats) -> Floats:
-    """Gyro matrix M (3, 3) from the parameters theta (12 or more; elements 3 to 11 are used)."""
+def matrix_of(elements: Floats) -> Floats:
+    """Gyro matrix M (3, 3) from its elements (9,): the diagonal, then the others."""
     M = np.empty((3, 3))
-    M[ROW, COLUMN] = theta[3:12]
+    M[ROW, COLUMN] = elements
     return M
 
 
@@ -214,7 +214,7 @@ class Problem:
 
         Rows: two for each movement, one for each rest, one for each full turn.
         """
-        data, knobs, M = self.data, self.knobs, matrix_of(theta)
+        data, knobs, M = self.data, self.knobs, matrix_of(theta[3:12])
         m, n, turned = len(data.links), len(data.rests), np.flatnonzero(data.turns)
         r, J = np.zeros(2 * m + n + len(turned)), np.zeros((2 * m + n + len(turned), len(theta)))
         by_accel, by_path = np.zeros((len(r), 3 * n)), np.zeros((len(r), 3 * m))
@@ -235,7 +235,7 @@ class Problem:
             plane = _tangents(u[a])
             r[rows] = plane @ _to(u[a], arrived)
             # A small rotation phi moves `arrived` by phi x arrived, so the residual rotation across u grows by phi.
-            by_a, by_b = -_cross(arrived) @ across[a], _cross(u[a]) @ path.end @ across[b]
+            by_a, by_b = -rotation.cross_matrix(arrived) @ across[a], rotation.cross_matrix(u[a]) @ path.end @ across[b]
             J[rows, 3:12] = plane @ path.by_matrix[:, ROW, COLUMN]
             J[rows, :3] = plane @ path.by_bias
             J[rows, 12:] = plane @ (by_a @ slope[a] + by_b @ slope[b])
@@ -291,8 +291,3 @@ def _to(u: Floats, v: Floats) -> Floats:
     axis = np.cross(u, v)
     sine = float(np.linalg.norm(axis))
     return axis * (np.arctan2(sine, u @ v) / sine) if sine > 1e-12 else axis
-
-
-def _cross(u: Floats) -> Floats:
-    """Cross-product matrix (3, 3) of u."""
-    return np.array([[0, -u[2], u[1]], [u[2], 0, -u[0]], [-u[1], u[0], 0]])

@@ -10,11 +10,11 @@ from estimator.calibration import accel_aided, closure, misalignment, servomotor
 from estimator.calibration.bias_wander import WanderKnobs
 from estimator.calibration.capture import Capture, Samples
 from estimator.calibration.method_names import BY_HAND
-from estimator.calibration.result import Result, VerdictKnobs, judge, nothing
+from estimator.calibration.result import NotConverged, Result, judge, nothing
 
 Method = Callable[[Capture], Result]
-#: tighter than for Algorithm 1: in the closure method, wobble causes no closure error
-CLOSURE_VERDICT = VerdictKnobs(closure=radians(3.0))
+#: rad, largest closure error of a turn; tighter than for Algorithm 1: in the closure method, wobble causes no closure error
+_CLOSURE = radians(3.0)
 
 
 def by_turn360(capture: Capture) -> Result:
@@ -24,7 +24,7 @@ def by_turn360(capture: Capture) -> Result:
     """
     try:
         found = turn360.estimate(capture)
-    except turn360.NotConverged as error:
+    except NotConverged as error:
         return nothing("turn360", Verdict.REFUSED, (error.reason,), repeat=(0, 1, 2))
     return judge("turn360", capture, found.k, found.bias, found.covariance)
 
@@ -37,7 +37,7 @@ def by_closure(capture: Capture) -> Result:
     """
     try:
         found = closure.estimate(capture)
-    except closure.NotConverged as error:
+    except NotConverged as error:
         return nothing("closure", Verdict.REFUSED, (error.reason,), repeat=(0, 1, 2))
     return judge(
         "closure",
@@ -45,7 +45,7 @@ def by_closure(capture: Capture) -> Result:
         found.k,
         found.bias,
         found.covariance,
-        CLOSURE_VERDICT,
+        closure=_CLOSURE,
         turn_bias=found.turn_bias,
         unclosed=np.linalg.norm(found.residual, axis=1),
         bias_time=found.time,

@@ -10,13 +10,11 @@ from collections.abc import Sequence
 from math import degrees, sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bridge.reasons.codes import Code, Sentences
 from estimator.calibration.capture import TurnCapture
-from estimator.geometry.gyro_model import SIGMAS
+from estimator.geometry.gyro_model import SIGMAS, Floats
 
-Floats = NDArray[np.float64]
 #: rms tilt of a turn's axis by hand, rad
 HAND = 0.03
 #: least standard deviation of an element of E

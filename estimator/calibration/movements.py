@@ -6,7 +6,7 @@ import numpy as np
 
 from estimator.calibration.capture import Movement
 from estimator.calibration.clipping import clipped
-from estimator.calibration.turn_recognition import TurnKnobs, same_bias
+from estimator.calibration.turn_recognition import GAP_S, same_bias
 
 #: number of movements kept: more than any procedure needs, 20 MB at 1 kHz
 MOST = 64
@@ -21,15 +21,13 @@ STALE_S = 600.0
 class Movements:
     """Bounded collection of the latest movements between rests, as input of a calibration by movements.
 
-    knobs: turn recognition settings; its limits for gaps, clipping and bias steps apply here too.
+    gyro_range: full-scale range, rad/s; infinite when unknown. The limits of turn recognition for gaps and bias steps apply.
     """
 
-    def __init__(self, knobs: TurnKnobs) -> None:
-        self._knobs = knobs
-        self._kept: list[Movement] = []
-
-    def __len__(self) -> int:
-        return len(self._kept)
+    def __init__(self, gyro_range: float) -> None:
+        self._gyro_range = gyro_range
+        #: all kept movements in the order of time
+        self.kept: list[Movement] = []
 
     def add(self, movement: Movement, *, full_turn: bool) -> bool:
         """Keep a movement if gravity can be propagated through it; return whether it was kept.
@@ -41,22 +39,18 @@ class Movements:
         if movement.before.accel is None or movement.after.accel is None or not self._whole(movement):
             return False
         newest = movement.before
-        self._kept = [
+        self.kept = [
             kept
-            for kept in self._kept[-(MOST - 1) :]
-            if newest.end - kept.after.end < STALE_S and same_bias(kept.before, newest, self._knobs)
+            for kept in self.kept[-(MOST - 1) :]
+            if newest.end - kept.after.end < STALE_S and same_bias(kept.before, newest)
         ]
-        self._kept.append(replace(movement, full_turn=full_turn))
+        self.kept.append(replace(movement, full_turn=full_turn))
         return True
-
-    def all(self) -> tuple[Movement, ...]:
-        """All kept movements in the order of time."""
-        return tuple(self._kept)
 
     def _whole(self, movement: Movement) -> bool:
         time = movement.samples.time
         if (
-            clipped(movement.samples, movement.before.std, self._knobs.clipping).any()
+            clipped(movement.samples, movement.before.std, self._gyro_range).any()
             or movement.after.start - movement.before.end > LONGEST_S
             or len(time) < 3
         ):
@@ -64,10 +58,7 @@ class Movements:
         steps = np.diff(time)
         way = np.linalg.norm(movement.samples.gyro[1:] - movement.before.bias, axis=1) @ steps
         reached = time[0] <= movement.before.end and time[-1] >= movement.after.start
-        calm = same_bias(movement.before, movement.after, self._knobs)
+        calm = same_bias(movement.before, movement.after)
         return bool(
-            reached
-            and calm
-            and way <= LONGEST_WAY
-            and steps.max() <= max(self._knobs.gap_s, 2.5 * float(np.median(steps)))
+            reached and calm and way <= LONGEST_WAY and steps.max() <= max(GAP_S, 2.5 * float(np.median(steps)))
         )

@@ -12,19 +12,24 @@ from estimator.calibration.capture import Capture, Floats, TurnCapture
 from estimator.geometry import rotation
 from estimator.geometry.gyro_model import AXES, PriorKnobs, axis_names, reading_std
 
+#: verdict against a fit, axes of the turns to repeat, and the reason
+Objection = tuple[Verdict, tuple[int, ...], Sentences]
 PARAMETERS = ("bias_x", "bias_y", "bias_z", "k_x", "k_y", "k_z")
 
+#: range of plausible scale factors
+K_MIN, K_MAX = 0.7, 1.4
+#: rad, closure error of a corrected turn; a hand that wobbles 3° leaves Algorithm 1 up to 4° off
+_CLOSURE = radians(5.0)
+#: relative; above this the three turns did not determine the scale
+SCALE_STD = 0.02
 
-@dataclass(frozen=True, slots=True)
-class VerdictKnobs:
-    """Limits within which a gyro calibration is accepted; k_min, k_max: range of plausible scale factors."""
 
-    k_min: float = 0.7
-    k_max: float = 1.4
-    #: closure error of a corrected turn, rad; a hand that wobbles 3° leaves Algorithm 1 up to 4° off
-    closure: float = radians(5.0)
-    #: relative; above this the three turns did not determine the scale
-    scale_std: float = 0.02
+class NotConverged(Exception):
+    """No bias and scale factors close the three turns; `reason` says why."""
+
+    def __init__(self, reason: Sentence) -> None:
+        super().__init__(reason)
+        self.reason = reason
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -100,8 +105,8 @@ def judge(
     k: Floats,
     bias: Floats,
     covariance: Floats,
-    knobs: VerdictKnobs | None = None,
     *,
+    closure: float = _CLOSURE,
     turn_bias: Floats | None = None,
     unclosed: Floats | None = None,
     bias_time: float | None = None,
@@ -109,19 +114,19 @@ def judge(
 ) -> Result:
     """Put a verdict on a diagonal calibration: scale factors k (3,) and bias (3,) rad/s with covariance (6, 6).
 
-    turn_bias (3, 3) rad/s: bias during each turn, by default the one bias. unclosed (3,) rad: closure error of each
-    turn, by default that of its path. bias_time: device time, s, at which the bias held, by default the middle of the
-    first rest. note: added to the reason for accepting. method: name for the result. Order of the covariance: bias, k.
+    closure: rad, largest closure error of a turn. turn_bias (3, 3) rad/s: bias during each turn, by default the one bias.
+    unclosed (3,) rad: closure error of each turn, by default that of its path. bias_time: device time, s, at which the
+    bias held, by default the middle of the first rest. note: added to the reason for accepting. method: name for the
+    result. Order of the covariance: bias, k.
     """
-    knobs = knobs or VerdictKnobs()
     turn_bias = np.tile(bias, (3, 1)) if turn_bias is None else turn_bias
     matrix, noise_std = np.diag(k), reading_std(capture.rest.std)
     turns = tuple(turn_report(turn, matrix, b) for turn, b in zip(capture.turns, turn_bias, strict=True))
     missed = np.array([turn.closure_error for turn in turns]) if unclosed is None else unclosed
-    is_open = missed > knobs.closure
+    is_open = missed > closure
     open_axes = tuple(turn.axis for turn, is_so in zip(turns, is_open, strict=True) if is_so)
-    loose = tuple(axis for axis in range(3) if not np.sqrt(covariance[3 + axis, 3 + axis]) < knobs.scale_std)
-    outside = unbelievable(k, knobs)
+    loose = tuple(axis for axis in range(3) if not np.sqrt(covariance[3 + axis, 3 + axis]) < SCALE_STD)
+    outside = unbelievable(k)
     reason: Sentences
     if outside is not None:
         verdict, repeat, reason = Verdict.REFUSED, *outside
@@ -140,15 +145,25 @@ def judge(
     return Result(method, verdict, reason, matrix, bias, covariance, noise_std, turns, repeat, bias_time)
 
 
-def unbelievable(k: Floats, knobs: VerdictKnobs) -> tuple[tuple[int, ...], Sentences] | None:
+def unbelievable(k: Floats) -> tuple[tuple[int, ...], Sentences] | None:
     """Axes whose scale factors k (3,) are outside the accepted range, and the reason with its likely cause.
 
     None when all are inside.
     """
-    outside = tuple(axis for axis in range(3) if not knobs.k_min <= k[axis] <= knobs.k_max)
+    outside = tuple(axis for axis in range(3) if not K_MIN <= k[axis] <= K_MAX)
     if not outside:
         return None
-    return outside, (Code.SCALE_OUTSIDE(scale=_values(k), least=knobs.k_min, most=knobs.k_max), _likely(k))
+    return outside, (Code.SCALE_OUTSIDE(scale=_values(k), least=K_MIN, most=K_MAX), _likely(k))
+
+
+def concluded(k: Floats, reason: Sentences, *objections: Objection | None) -> Objection:
+    """Verdict on a fit, axes to repeat, and the reason: an unbelievable scale, else the first objection, else accepted.
+
+    k (3,): scale factors. reason: for accepting.
+    """
+    if (outside := unbelievable(k)) is not None:
+        return Verdict.REFUSED, *outside
+    return next((one for one in objections if one is not None), (Verdict.ACCEPTED, (), reason))
 
 
 def unlikely(k: Floats, limit: float) -> tuple[tuple[int, ...], Sentences] | None:

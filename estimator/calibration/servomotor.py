@@ -26,19 +26,13 @@ from estimator.calibration.bias_wander import WanderKnobs, wander_cov
 from estimator.calibration.capture import Floats, Samples
 from estimator.calibration.constant_rates import Plateau, plateaus, said_of_others, split
 from estimator.calibration.least_squares import Solved, shown_size, solve
-from estimator.calibration.result import Result, VerdictKnobs, nothing, unbelievable
+from estimator.calibration.result import K_MAX, K_MIN, SCALE_STD, Result, concluded, nothing
 from estimator.geometry.gyro_model import axis_names, reading_std
 
-
-@dataclass(frozen=True, slots=True)
-class ServoKnobs:
-    """Accuracy of the servo, and the size of unmodelled misalignment."""
-
-    #: relative error of each spin's mean rate, within a factor of ten; estimated from the spins, up to `worst_share`
-    rate_share: float = 2e-4
-    worst_share: float = 2e-2
-    #: rad, standard deviation of each misalignment element, which the model takes for zero
-    misalignment: float = 0.01
+#: relative error of each spin's mean rate, within a factor of ten; estimated from the spins, up to the second number
+_RATE_SHARE, _WORST_SHARE = 2e-4, 2e-2
+#: rad, standard deviation of each misalignment element, which the model takes for zero
+_MISALIGNMENT = 0.01
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,26 +50,24 @@ class _Evidence:
     rate: float
 
 
-def by_servomotor(
-    samples: Samples, rates: tuple[float, ...], wander: WanderKnobs | None = None, knobs: ServoKnobs | None = None
-) -> Result:
+def by_servomotor(samples: Samples, rates: tuple[float, ...], wander: WanderKnobs | None = None) -> Result:
     """Calibration method `servomotor`: scale factors and bias from a recording on a servo, with a verdict.
 
     rates: the servo's one rate in rad/s, in either direction; any other number of rates is refused. wander: prior of
     the device's bias wander, by default that of the generic model. Verdict REPEAT without a rest, or with fewer than
     three suitable mountings.
     """
-    knobs, wander = knobs or ServoKnobs(), wander or WanderKnobs()
+    wander = wander or WanderKnobs()
     if len(rates) != 1:
         return nothing("servomotor", Verdict.REFUSED, (Code.SERVO_RATES(given=len(rates)),))
     rests, turned, others = split(plateaus(samples), rates)
     if not rests:
         return nothing("servomotor", Verdict.REPEAT, (Code.SERVO_NO_REST(),), (0, 1, 2))
-    rest, limits = np.median([p.mean for p in rests], axis=0), VerdictKnobs()
+    rest = np.median([p.mean for p in rests], axis=0)
     spins: list[Plateau] = []
     for p in turned:
         k = rates[0] / float(np.linalg.norm(p.mean - rest))
-        (spins if limits.k_min < k < limits.k_max else others).append(p)
+        (spins if K_MIN < k < K_MAX else others).append(p)
     but = said_of_others(others)
     off = np.array([p.mean for p in spins]).reshape(-1, 3) - rest
     axis = off / np.linalg.norm(off, axis=1)[:, None]
@@ -90,26 +82,26 @@ def by_servomotor(
         moved=wander_cov(used, len(used) - 1, rests, wander),
         rate=rates[0],
     )
-    share = shown_size(lambda share: _fit(evidence, share, knobs.misalignment)[1], knobs.rate_share, knobs.worst_share)
-    theta, fit = _fit(evidence, share, knobs.misalignment)
+    share = shown_size(lambda share: _fit(evidence, share)[1], _RATE_SHARE, _WORST_SHARE)
+    theta, fit = _fit(evidence, share)
     kept = Code.SERVO_DIAGONAL(spins=len(spins), percent=f"{100 * share:.2f}")
     return _judge(theta, fit, fit.misfit(slice(len(spins))), used, (kept, *but))
 
 
-def _fit(of: _Evidence, share: float, misalignment: float) -> tuple[Floats, Solved]:
+def _fit(of: _Evidence, share: float) -> tuple[Floats, Solved]:
     """Fit bias and scale factors (6,), and the last step of the fit; share: relative error of the servo's rate."""
     b = np.median(of.rest, axis=0)
     square, *_ = np.linalg.lstsq((of.spin - b) ** 2, np.full(len(of.spin), of.rate**2), rcond=None)
-    theta = np.concatenate([b, np.sqrt(np.maximum(square, VerdictKnobs().k_min ** 2))])
+    theta = np.concatenate([b, np.sqrt(np.maximum(square, K_MIN**2))])
     for _ in range(10):
-        solved = solve(*_linearised(of, theta, share, misalignment))
+        solved = solve(*_linearised(of, theta, share))
         theta = theta + solved.step
         if solved.step_size < 1e-6:
             break
     return theta, solved
 
 
-def _linearised(of: _Evidence, theta: Floats, share: float, misalignment: float) -> tuple[Floats, Floats, Floats]:
+def _linearised(of: _Evidence, theta: Floats, share: float) -> tuple[Floats, Floats, Floats]:
     """Residuals (n,), slopes F (n, 6) and covariance C (n, n), n = s + 3 r, spins first."""
     b, k = theta[:3], theta[3:]
     s, r = len(of.spin), len(of.rest)
@@ -125,26 +117,18 @@ def _linearised(of: _Evidence, theta: Floats, share: float, misalignment: float)
     C = (by_bias @ by_bias.T) * of.moved[np.ix_(stretch, stretch)] + np.diag(np.sum(by_bias**2 * var, axis=1))
     C[np.arange(s), np.arange(s)] += (share * of.rate) ** 2
     rows, columns = np.nonzero(1 - np.eye(3))
-    askew = misalignment * of.rate * u[:, rows] * u[:, columns]
+    askew = _MISALIGNMENT * of.rate * u[:, rows] * u[:, columns]
     C[:s, :s] += askew @ askew.T
     return np.concatenate([size - of.rate, (of.rest - b).ravel()]), F, C
 
 
 def _judge(theta: Floats, fit: Solved, misfit: float, used: Sequence[Plateau], reason: Sentences) -> Result:
-    b, k, limits = theta[:3], theta[3:], VerdictKnobs()
+    b, k = theta[:3], theta[3:]
     covariance = misfit * fit.cov
-    bad = unbelievable(k, limits)
-    loose = tuple(axis for axis in range(3) if not covariance[3 + axis, 3 + axis] ** 0.5 < limits.scale_std * k[axis])
-    verdict = Verdict.ACCEPTED
-    repeat: tuple[int, ...] = ()
-    if bad is not None:
-        verdict, repeat, reason = Verdict.REFUSED, *bad
-    elif misfit > 9.0:
-        verdict = Verdict.REFUSED
-        reason = (*reason, Code.SERVO_MISFIT(times=f"{misfit**0.5:.0f}"))
-    elif loose:
-        verdict, repeat = Verdict.REPEAT, loose
-        reason = (Code.MOUNTINGS_UNCERTAIN(axes=axis_names(loose)),)
+    loose = tuple(axis for axis in range(3) if not covariance[3 + axis, 3 + axis] ** 0.5 < SCALE_STD * k[axis])
+    contradicts = Verdict.REFUSED, (), (*reason, Code.SERVO_MISFIT(times=f"{misfit**0.5:.0f}"))
+    unsure = Verdict.REPEAT, loose, (Code.MOUNTINGS_UNCERTAIN(axes=axis_names(loose)),)
+    verdict, repeat, reason = concluded(k, reason, contradicts if misfit > 9.0 else None, unsure if loose else None)
     noise_std = reading_std(np.median([p.std for p in used], axis=0))
     time = (used[-1].start + used[-1].end) / 2
     return Result("servomotor", verdict, reason, np.diag(k), b, covariance, noise_std, (), repeat, time)

@@ -9,16 +9,16 @@ from bridge.reasons.codes import Code, Sentence, Sentences
 from bridge.recording.plausibility import ABSURD
 from bridge.wire.messages import Verdict
 from estimator.calibration.axis_alignment import foreign_axes
-from estimator.calibration.capture import Capture, Floats, History, Movement, Rest, Samples, TurnCapture
+from estimator.calibration.capture import Capture, Floats, History, Movement, Rest, TurnCapture
 from estimator.calibration.method_names import DEFAULT
 from estimator.calibration.methods import BY_MOVEMENTS, METHODS
 from estimator.calibration.movements import Movements
 from estimator.calibration.result import PARAMETERS, Result, nothing, unlikely
 from estimator.calibration.session_events import Finished, Ignored, Progress, RestFound, TurnFound
-from estimator.calibration.stages import StageKnobs, Stages
-from estimator.calibration.turn_recognition import NoTurn, TurnKnobs, recognise, rough_scale, same_bias
+from estimator.calibration.stages import REST_S, Stages
+from estimator.calibration.turn_recognition import NoTurn, recognise, rough_scale, same_bias
 from estimator.geometry.gyro_model import AXES, axis_names
-from estimator.stillness.detector import StillnessKnobs, Window, too_seldom
+from estimator.stillness.detector import StillnessKnobs, too_seldom
 
 #: turns older than this, or made at a different bias, are not combined with new ones
 STALE_S = 600.0
@@ -33,27 +33,25 @@ class CalibrationSession:
 
     A method by movements is also tried after movements that are no full turn, and finishes as soon as they determine a
     full matrix.
-    k (3,): scale factors for recognising turns, ones if None. scale_limit: see `unlikely`.
+    gyro_range: full-scale range, rad/s, infinite when unknown. horizontal: see `recognise`. scale_limit: see `unlikely`.
     whole: the method does not run live, only in `unfinished` at the end of a recording.
     """
 
     def __init__(
         self,
         method: str = DEFAULT,
-        k: Floats | None = None,
-        stages: StageKnobs | None = None,
-        turn_knobs: TurnKnobs | None = None,
         *,
+        gyro_range: float = inf,
+        horizontal: bool = False,
         scale_limit: float = inf,
         whole: bool = False,
     ) -> None:
         self._run = METHODS[method]
         self.method = method
-        self._k = np.ones(3) if k is None else k
         self._history = History()
-        self._stages = Stages(self._history, stages)
-        self._turn_knobs, self._scale_limit = turn_knobs or TurnKnobs(), scale_limit
-        self._movements = Movements(self._turn_knobs)
+        self._stages = Stages(self._history)
+        self._gyro_range, self._horizontal, self._scale_limit = gyro_range, horizontal, scale_limit
+        self._movements = Movements(gyro_range)
         self._by_movements, self._whole = method in BY_MOVEMENTS, whole
         self.turns: dict[int, TurnCapture] = {}
         self._rests: list[Rest] = []
@@ -69,17 +67,9 @@ class CalibrationSession:
         """Seconds for which the device has been still; 0 while it moves."""
         return self._stages.still_s
 
-    def add(self, samples: Samples) -> None:
-        """Store samples without judging them. Then call `window` for every window they close, in order."""
-        self._history.add(samples)
-
     def take(self, rows: Floats) -> None:
-        """Store the samples of one or more windows, rows (n, 9) of sample_buffer, without judging them."""
+        """Store the samples of one or more windows, rows (n, 9) of sample_buffer. Then call `judge` for each window."""
         self._history.take(rows)
-
-    def window(self, window: Window) -> list[Progress]:
-        """Judge the next window, whose samples were stored before, and return the events it completes."""
-        return self.judge(window.start_time, window.end_time, still=window.still)
 
     def judge(self, begun: float, ended: float, *, still: bool) -> list[Progress]:
         """Judge the next window by its begin and end in device time, s; return the events it completes, possibly none.
@@ -95,12 +85,14 @@ class CalibrationSession:
             self._moved_about = True
             self._keep(settled.before)
             movement = self._stages.movement(settled.before, settled.after)
-            found = self._explained(recognise(movement, self._k, self._turn_knobs), settled.pause_s)
+            turn = recognise(movement, self._gyro_range, horizontal=self._horizontal)
+            found = self._explained(turn, settled.pause_s)
             kept = self._movements.add(movement, full_turn=not isinstance(found, NoTurn)) and self._by_movements
             if not isinstance(found, NoTurn):
                 progress += self._turned(found)
             elif not kept:
-                progress += self._ignored(found)
+                self.last_reason = found.reason
+                progress.append(Ignored(found))
             if kept and not isinstance(progress[-1], Finished):
                 progress += self._moved(settled.after)
         return progress
@@ -125,7 +117,7 @@ class CalibrationSession:
     @property
     def movements(self) -> tuple[Movement, ...]:
         """All movements kept between rests, full turns or not, in the order of time."""
-        return self._movements.all()
+        return tuple(self._movements.kept)
 
     def unfinished(self) -> Result:
         """Result at the end of the input, where the session did not finish.
@@ -143,7 +135,7 @@ class CalibrationSession:
             because = (Code.READINGS_IN_DEGREES(rate_rad_s=f"{largest:.0f}"),)
         elif not self.rested:
             seldom = too_seldom(self._history.rate_hz, StillnessKnobs())
-            because = seldom or (Code.NEVER_STILL(duration_s=f"{self._stages.knobs.rest_s:g}"),)
+            because = seldom or (Code.NEVER_STILL(duration_s=f"{REST_S:g}"),)
         elif not self._moved_about:
             because = (Code.NEVER_MOVED(),)
         elif len(self._too_small) == 3:
@@ -173,10 +165,6 @@ class CalibrationSession:
         oldest = -inf if self._by_movements else rest.start - 2 * STALE_S
         self._rests = [r for r in self._rests if r.start >= since and r.end >= oldest] + [rest]
 
-    def _ignored(self, no_turn: NoTurn) -> list[Progress]:
-        self.last_reason = no_turn.reason
-        return [Ignored(no_turn)]
-
     def _turned(self, turn: TurnCapture) -> list[Progress]:
         self.turns[turn.axis] = turn
         self._dropped.pop(turn.axis, None)
@@ -185,7 +173,7 @@ class CalibrationSession:
         for axis, earlier in self.turns.items():
             if newest - earlier.samples.time[-1] >= STALE_S:
                 dropped[axis] = too_old((axis,))
-            elif not same_bias(earlier.before, turn.before, self._turn_knobs):
+            elif not same_bias(earlier.before, turn.before):
                 by = degrees(float(np.max(np.abs(turn.before.bias - earlier.before.bias))))
                 dropped[axis] = Code.TURN_BIAS_MOVED(axis=AXES[axis], rate_dps=f"{by:.1f}")
         for axis, why in dropped.items():
@@ -215,9 +203,9 @@ class CalibrationSession:
         return result
 
     def _moved(self, rest: Rest) -> list[Progress]:
-        if self._whole or len(self._movements) < BY_MOVEMENTS[self.method]:
+        if self._whole or len(self.movements) < BY_MOVEMENTS[self.method]:
             return []
-        if len(self._movements) % LIVE_EVERY:
+        if len(self.movements) % LIVE_EVERY:
             return []  # a fit is slow, and the same thread serves other devices
         result = self._checked(self._capture(LIVE_MOVEMENTS))
         enough = result.verdict is Verdict.ACCEPTED and len(result.parameters) > len(PARAMETERS)

@@ -7,7 +7,6 @@ import numpy as np
 
 from estimator.calibration.capture import Floats, History, Movement, Rest, Samples
 from estimator.geometry.gyro_model import least_step
-from estimator.stillness.detector import Window
 
 #: range of a working accelerometer's magnitude at rest, m/s²
 LEAST_GRAVITY, MOST_GRAVITY = 7.0, 13.0
@@ -17,27 +16,20 @@ _FEWEST = 8
 _WHITE = 6.0
 #: largest distance of a piece's mean from the rest's mean, in standard deviations of its noise
 _CREEP = 5.0
-
-
-@dataclass(frozen=True, slots=True)
-class StageKnobs:
-    """Limits that tell a rest from a pause. Seconds of device time."""
-
-    #: a shorter pause belongs to the movement: a turn pushed in several goes
-    rest_s: float = 2.0
-    #: most of a long rest that is used for the bias: its latest part
-    longest_s: float = 30.0
-    #: part of the rest added to a movement at each end: losing 0.1 s of a turn costs 1.6 % of k, a second of rest
-    #: 0.015 %
-    margin_s: float = 0.4
-    #: end of a rest that cannot be told from the beginning of the movement
-    edge_s: float = 0.13
-    #: longest slow movement (creep) at either end of a rest that belongs to the turn beside it
-    creep_s: float = 1.5
-    #: least difference of a creep from the rest, rad/s, beyond the noise of a piece of the rest
-    creep: float = radians(0.03)
-    #: length of the pieces of a rest that are compared
-    piece_s: float = 0.25
+#: s; a shorter pause belongs to the movement: a turn pushed in several goes
+REST_S = 2.0
+#: s, most of a long rest that is used for the bias: its latest part
+LONGEST_S = 30.0
+#: s, part of the rest added to a movement at each end: losing 0.1 s of a turn costs 1.6 % of k, a second of rest 0.015 %
+_MARGIN_S = 0.4
+#: s, end of a rest that cannot be told from the beginning of the movement
+_EDGE_S = 0.13
+#: s, longest slow movement (creep) at either end of a rest that belongs to the turn beside it
+_CREEP_S = 1.5
+#: least difference of a creep from the rest, rad/s, beyond the noise of a piece of the rest
+_LEAST_CREEP = radians(0.03)
+#: s, length of the pieces of a rest that are compared
+_PIECE_S = 0.25
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,8 +50,7 @@ class Stages:
     `history` must hold the stream since the current rest began, or the latest part of it.
     """
 
-    def __init__(self, history: History, knobs: StageKnobs | None = None) -> None:
-        self.knobs = knobs or StageKnobs()
+    def __init__(self, history: History) -> None:
         self.still_s = 0.0
         self._history = history
         self._still_since: float | None = None
@@ -70,27 +61,23 @@ class Stages:
         #: accelerometer magnitude in the latest rest, m/s², if implausible as gravity; else 0
         self.not_gravity = 0.0
 
-    def window(self, window: Window) -> Settled | None:
-        """Process the next window; return the rest that it makes long enough, with the rest before it, else None."""
-        return self.take(window.start_time, window.end_time, still=window.still)
-
     def take(self, begun: float, ended: float, *, still: bool) -> Settled | None:
-        """Process the next window by its begin and end in device time, s; same result as `window`.
+        """Process the next window, from device time `begun` to `ended`, s; return the rest that it makes long enough, else None.
 
         still: whether the window was judged still.
         """
         if not still:
             if self._still_since is not None:
                 # After a gap in the stream the rest ended with its last window.
-                self._end_rest(self._still_since, min(begun - self.knobs.edge_s, self._still_until))
+                self._end_rest(self._still_since, min(begun - _EDGE_S, self._still_until))
             return None
         if self._still_since is None:
             # The first still window after a movement may contain the movement's end.
-            moved_s = self.knobs.edge_s if self._before else 0.0
+            moved_s = _EDGE_S if self._before else 0.0
             self._still_since = min(ended, begun + moved_s)
         self._still_until = ended
         self.still_s = ended - self._still_since
-        if self._settled or self.still_s < self.knobs.rest_s:
+        if self._settled or self.still_s < REST_S:
             return None
         rest = self._measure(self._still_since, ended, goes_on=True)
         self._settled = rest is not None
@@ -104,10 +91,10 @@ class Stages:
 
     def _measure(self, start: float, end: float, *, goes_on: bool = False) -> Rest | None:
         """Mean readings of a rest from the samples still held; None when a gap has pushed these out of the history."""
-        still = self._history.between(max(start, end - self.knobs.longest_s), end)
+        still = self._history.between(max(start, end - LONGEST_S), end)
         if len(still) < _FEWEST:
             return None
-        still = without_creep(still, self.knobs, goes_on=goes_on)
+        still = without_creep(still, goes_on=goes_on)
         accel = None if still.accel is None else still.accel.mean(axis=0)
         size = 0.0 if accel is None else float(np.linalg.norm(accel))
         self.not_gravity = 0.0 if accel is None or LEAST_GRAVITY < size < MOST_GRAVITY else max(size, 0.01)
@@ -121,18 +108,18 @@ class Stages:
 
     def movement(self, before: Rest, after: Rest) -> Movement:
         """Movement between two rests, with its samples and `margin_s` of either rest, at most half of that rest."""
-        lead = min(self.knobs.margin_s, (before.end - before.start) / 2)
-        tail = min(self.knobs.margin_s, (after.end - after.start) / 2)
+        lead = min(_MARGIN_S, (before.end - before.start) / 2)
+        tail = min(_MARGIN_S, (after.end - after.start) / 2)
         return Movement(before, after, self._history.between(before.end - lead, after.start + tail))
 
 
-def without_creep(still: Samples, knobs: StageKnobs, *, goes_on: bool = False) -> Samples:
+def without_creep(still: Samples, *, goes_on: bool = False) -> Samples:
     """Cut off slow movement at either end of a rest, as when a hand lets go of the device or takes hold of it.
 
     Each piece is compared with the calm half of the rest: the middle, or the latest half for a rest that still
     continues (goes_on).
     """
-    size = max(2, int(np.searchsorted(still.time - still.time[0], knobs.piece_s)))
+    size = max(2, int(np.searchsorted(still.time - still.time[0], _PIECE_S)))
     count = len(still) // size
     if count < 4:
         return still
@@ -140,8 +127,8 @@ def without_creep(still: Samples, knobs: StageKnobs, *, goes_on: bool = False) -
     means = pieces.mean(axis=1)
     calm = slice(count // 2, None) if goes_on else slice(count // 4, count - count // 4)
     noise = np.maximum(np.median(pieces.std(axis=1, ddof=1), axis=0), least_step(still.gyro) / 2) / np.sqrt(size)
-    near = (np.abs(means - np.median(means[calm], axis=0)) < knobs.creep + _CREEP * noise).all(axis=1)
-    most = min(int(knobs.creep_s / knobs.piece_s), (count - 2) // 2)
+    near = (np.abs(means - np.median(means[calm], axis=0)) < _LEAST_CREEP + _CREEP * noise).all(axis=1)
+    most = min(int(_CREEP_S / _PIECE_S), (count - 2) // 2)
     creeping = np.flatnonzero(~near)
     begin = max((i + 1 for i in creeping.tolist() if i < most), default=0)
     end = count if goes_on else min((i for i in creeping.tolist() if i >= max(count - most, begin)), default=count)

@@ -24,7 +24,7 @@ from estimator.calibration.gravity_propagation import (
     collect,
     matrix_of,
 )
-from estimator.calibration.result import PARAMETERS, Result, VerdictKnobs, nothing, turn_report, unbelievable
+from estimator.calibration.result import PARAMETERS, SCALE_STD, Result, nothing, turn_report, unbelievable
 from estimator.geometry import rotation
 from estimator.geometry.gyro_model import axis_names, reading_std
 
@@ -62,7 +62,7 @@ class Fit:
     @property
     def matrix(self) -> Floats:
         """Gyro matrix M (3, 3); only its diagonal where the off-diagonal elements are not used."""
-        M = matrix_of(self.theta)
+        M = matrix_of(self.theta[3:12])
         return M if self.full else np.diag(np.diag(M))
 
 
@@ -132,23 +132,22 @@ def by_transitions(capture: Capture) -> Result:
     return judge_fit(capture, data, found)
 
 
-def judge_fit(capture: Capture, data: Transitions, found: Fit, knobs: VerdictKnobs | None = None) -> Result:
+def judge_fit(capture: Capture, data: Transitions, found: Fit) -> Result:
     """Put a verdict on a fit to the movements of a capture, with the reason, as a calibration result.
 
     data: the transitions that were fitted. The capture's turns are only reported.
     """
-    knobs, movements = knobs or VerdictKnobs(), capture.movements
     matrix, bias, parameters = found.matrix, found.theta[:3], MATRIX_PARAMETERS if found.full else PARAMETERS
     covariance = found.covariance[: len(parameters), : len(parameters)]
     k, std = np.diag(matrix), np.sqrt(np.diag(covariance)[3:6])
-    loose = tuple(axis for axis in range(3) if not std[axis] < knobs.scale_std * k[axis])
+    loose = tuple(axis for axis in range(3) if not std[axis] < SCALE_STD * k[axis])
     missed = degrees(float(np.sqrt(np.mean(found.angles**2))))
     carried = Code.GRAVITY_CARRIED(movements=len(found.angles), angle_deg=f"{missed:.2f}")
     reason: Sentences
     repeat: tuple[int, ...] = ()
-    outside = unbelievable(k, knobs)
+    outside = unbelievable(k)
     if (outside or found.misfit > MISFIT) and (
-        foreign := foreign_axes([(m.before, m.samples) for m in movements], np.eye(3))
+        foreign := foreign_axes([(m.before, m.samples) for m in capture.movements], np.eye(3))
     ):
         verdict, reason = Verdict.REFUSED, (foreign,)
     elif loose:

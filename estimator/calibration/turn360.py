@@ -27,32 +27,17 @@ from math import pi, radians
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
-from bridge.reasons.codes import Code, Sentence
+from bridge.reasons.codes import Code
 from estimator.calibration.capture import Capture, TurnCapture
+from estimator.calibration.result import NotConverged
 from estimator.geometry import rotation
-from estimator.geometry.gyro_model import reading_std
+from estimator.geometry.gyro_model import Floats, reading_std
 
-Floats = NDArray[np.float64]
-
-
-@dataclass(frozen=True, slots=True)
-class Turn360Knobs:
-    """Settings of Algorithm 1, and the re-placement error of a hand; tolerance: of the scale factors, absolute."""
-
-    tolerance: float = 1e-5
-    max_iterations: int = 50
-    #: standard deviation, rad, of the end attitude of a turn against its start, about the turn's axis
-    replacement_std: float = radians(0.2)
-
-
-class NotConverged(Exception):
-    """The iteration found no scale factors that close the three turns; `reason` says why."""
-
-    def __init__(self, reason: Sentence) -> None:
-        super().__init__(reason)
-        self.reason = reason
+#: change of the scale factors, absolute, at which the iteration is done; and most iterations
+_TOLERANCE, _MAX_ITERATIONS = 1e-5, 50
+#: standard deviation, rad, of the end attitude of a turn by hand against its start, about the turn's axis
+_REPLACEMENT_STD = radians(0.2)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,19 +50,18 @@ class Turn360:
     iterations: int
 
 
-def estimate(capture: Capture, knobs: Turn360Knobs | None = None) -> Turn360:
+def estimate(capture: Capture) -> Turn360:
     """Estimate bias and scale factors by Algorithm 1 from one rest and three turns. Raises NotConverged."""
-    knobs = knobs or Turn360Knobs()
     b = -capture.rest.bias
     K = np.ones(3)
-    for iteration in range(1, knobs.max_iterations + 1):
+    for iteration in range(1, _MAX_ITERATIONS + 1):
         S = [turn_integral(turn, K, b) for turn in capture.turns]
         dK = solve_criteria(S)
         moved, K = np.linalg.norm(K * dK - K), K * dK
         if not np.all(np.isfinite(K)) or np.any(K <= 0) or np.any(K > 100):
             break
-        if moved <= knobs.tolerance:
-            return Turn360(K, -b, covariance(capture, K, b, knobs), iteration)
+        if moved <= _TOLERANCE:
+            return Turn360(K, -b, covariance(capture, K, b), iteration)
     raise NotConverged(Code.NOT_CONVERGED(steps=iteration, scale=np.round(K, 3)))
 
 
@@ -113,7 +97,7 @@ def solve_criteria(S: list[Floats]) -> Floats:
     return x
 
 
-def covariance(capture: Capture, K: Floats, b: Floats, knobs: Turn360Knobs) -> Floats:
+def covariance(capture: Capture, K: Floats, b: Floats) -> Floats:
     """First-order covariance (6, 6) of (bias, k).
 
     Noise of the rest and of each turn, and the hand's re-placement error.
@@ -132,7 +116,7 @@ def covariance(capture: Capture, K: Floats, b: Floats, knobs: Turn360Knobs) -> F
         along = np.einsum("i,tij->tj", u, C) * K * dt[:, None]
         by_k[i] = u @ S / K
         by_bias[i] = -along.sum(axis=0)
-        noise_var[i] = np.sum((along * reading_std(capture.rest.std)) ** 2) + knobs.replacement_std**2 + closure**2
+        noise_var[i] = np.sum((along * reading_std(capture.rest.std)) ** 2) + _REPLACEMENT_STD**2 + closure**2
     J = np.linalg.inv(by_k)
     bias_cov = capture.rest.bias_cov
     k_from_bias = -J @ by_bias

@@ -11,7 +11,6 @@ The matrix refers to the fixture's axes: if the device is fixed askew, the matri
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from math import cos, degrees, radians
 
 import numpy as np
@@ -24,36 +23,27 @@ from estimator.calibration.capture import Floats, Samples
 from estimator.calibration.constant_rates import Plateau, nearest_rates, plateaus, said_of_others, split
 from estimator.calibration.gravity_propagation import COLUMN, MATRIX_PARAMETERS, ROW
 from estimator.calibration.least_squares import Solved, shown_size, solve
-from estimator.calibration.result import Result, VerdictKnobs, nothing, unbelievable
+from estimator.calibration.result import Result, concluded, nothing
 from estimator.geometry.gyro_model import axis_names, reading_std
 
-
-@dataclass(frozen=True, slots=True)
-class TurntableKnobs:
-    """Accuracy of the turntable."""
-
-    #: relative error of each stretch's mean rate, within a factor of ten; estimated from the stretches, up to
-    #: `worst_share`
-    rate_share: float = 3e-5
-    worst_share: float = 5e-4
-    #: rad, angle between the device's fixing and the table's axis
-    square: float = radians(0.1)
-    #: rad, largest angle between a rate and the axis it is assigned to
-    off_axis: float = radians(20.0)
+#: relative error of each stretch's mean rate, within a factor of ten; estimated from the stretches, up to the second number
+_RATE_SHARE, _WORST_SHARE = 3e-5, 5e-4
+#: rad, angle between the device's fixing and the table's axis
+_SQUARE = radians(0.1)
+#: rad, largest angle between a rate and the axis it is assigned to
+_OFF_AXIS = radians(20.0)
 
 
-def by_turntable(
-    samples: Samples, rates: tuple[float, ...], wander: WanderKnobs | None = None, knobs: TurntableKnobs | None = None
-) -> Result:
+def by_turntable(samples: Samples, rates: tuple[float, ...], wander: WanderKnobs | None = None) -> Result:
     """Calibration method `turntable`: full matrix and bias from a recording on a turntable, with a verdict.
 
     rates: known rates in rad/s, each used in both directions. wander: prior of the device's bias wander, by default
     that of the generic model. Verdict REPEAT when an axis was not turned in both directions, REFUSED when a given rate
     is not found.
     """
-    knobs, wander = knobs or TurntableKnobs(), wander or WanderKnobs()
+    wander = wander or WanderKnobs()
     rests, turned, others = split(plateaus(samples), rates)
-    true = _true_rates(turned, rests, rates, knobs)
+    true = _true_rates(turned, rests, rates)
     met = np.asarray(true.any(axis=1))
     others += [p for p, is_met in zip(turned, met, strict=True) if not is_met]
     spins, true, but = [p for p, is_met in zip(turned, met, strict=True) if is_met], true[met], said_of_others(others)
@@ -71,17 +61,15 @@ def by_turntable(
     s[[used.index(p) for p in spins]] = true
     reference = used.index(rests[-1]) if rests else len(used) - 1
     moved = wander_cov(used, reference, rests, wander)
-    share = shown_size(lambda share: _fit(used, s, moved, share, knobs), knobs.rate_share, knobs.worst_share)
-    fit = _fit(used, s, moved, share, knobs)
+    share = shown_size(lambda share: _fit(used, s, moved, share), _RATE_SHARE, _WORST_SHARE)
+    fit = _fit(used, s, moved, share)
     # A wrong rate shows in the misfit of the rates along the axes alone.
     misfit = max(fit.misfit(), fit.misfit((s != 0).T.ravel()))
     kept = Code.TABLE_MATRIX(spins=len(spins), percent=f"{100 * share:.3f}")
     return _judge(fit, misfit, used, reference, (kept, *but))
 
 
-def _true_rates(
-    spins: Sequence[Plateau], rests: Sequence[Plateau], rates: tuple[float, ...], knobs: TurntableKnobs
-) -> Floats:
+def _true_rates(spins: Sequence[Plateau], rests: Sequence[Plateau], rates: tuple[float, ...]) -> Floats:
     """True rate (n, 3) of each stretch that turned; 0 where none of the given rates about one axis explains it."""
     true = np.zeros((len(spins), 3))
     if not spins:
@@ -92,7 +80,7 @@ def _true_rates(
     off = mean - rest
     about = np.argmax(np.abs(off), axis=1)
     reading = off[np.arange(len(off)), about]
-    straight = np.abs(reading) > cos(knobs.off_axis) * np.linalg.norm(off, axis=1)
+    straight = np.abs(reading) > cos(_OFF_AXIS) * np.linalg.norm(off, axis=1)
     for axis in range(3):
         own = straight & (about == axis)
         if own.any():
@@ -100,18 +88,16 @@ def _true_rates(
     return true
 
 
-def _fit(used: Sequence[Plateau], s: Floats, moved: Floats, share: float, knobs: TurntableKnobs) -> Solved:
+def _fit(used: Sequence[Plateau], s: Floats, moved: Floats, share: float) -> Solved:
     """Fit M and c, row by row (12,), from zero; share: relative error of the table's rate."""
     m, n = np.array([p.mean for p in used]), len(used)
     # The weights need only an approximate scale factor: the ratio of rates.
     k = np.array([np.sum(s[:, a] ** 2) / np.sum(s[:, a] * m[:, a]) for a in range(3)])
     design = np.kron(np.eye(3), np.column_stack([m, -np.ones(n)]))
-    return solve(s.T.ravel(), -design, _covariance(used, s, k, moved, share, knobs))
+    return solve(s.T.ravel(), -design, _covariance(used, s, k, moved, share))
 
 
-def _covariance(
-    used: Sequence[Plateau], s: Floats, k: Floats, moved: Floats, share: float, knobs: TurntableKnobs
-) -> Floats:
+def _covariance(used: Sequence[Plateau], s: Floats, k: Floats, moved: Floats, share: float) -> Floats:
     """Covariance (3n, 3n) of the equations, those of the x axis first."""
     n = len(used)
     var = np.array([p.var for p in used]) * k**2 + (share * s) ** 2
@@ -123,7 +109,7 @@ def _covariance(
         for i in np.flatnonzero(fixing == mount):
             x, y, z = s[i]
             cross[[i, n + i, 2 * n + i]] = [[0, z, -y], [-z, 0, x], [y, -x, 0]]
-        C += knobs.square**2 * cross @ cross.T
+        C += _SQUARE**2 * cross @ cross.T
     return C
 
 
@@ -150,13 +136,7 @@ def _judge(fit: Solved, misfit: float, used: Sequence[Plateau], reference: int, 
     J[3 + np.arange(9), 4 * ROW + COLUMN] = 1.0
     covariance = misfit * J @ fit.cov @ J.T
     noise_std = reading_std(np.median([p.std for p in used], axis=0))
-    bad = unbelievable(np.diag(M), VerdictKnobs())
-    verdict = Verdict.ACCEPTED
-    repeat: tuple[int, ...] = ()
-    if bad is not None:
-        verdict, repeat, reason = Verdict.REFUSED, *bad
-    elif misfit > 4.0:
-        verdict = Verdict.REFUSED
-        reason = (*reason, Code.TABLE_MISFIT(times=f"{misfit**0.5:.0f}"))
+    contradicts = Verdict.REFUSED, (), (*reason, Code.TABLE_MISFIT(times=f"{misfit**0.5:.0f}"))
+    verdict, repeat, reason = concluded(np.diag(M), reason, contradicts if misfit > 4.0 else None)
     time = (used[reference].start + used[reference].end) / 2
     return Result("turntable", verdict, reason, M, bias, covariance, noise_std, (), repeat, time, MATRIX_PARAMETERS)

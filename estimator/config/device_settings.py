@@ -101,4 +101,4 @@ def treatment(told: "Estimator | None") -> Treatment:
 
 def learning(knobs: SessionKnobs) -> SessionKnobs:
     """Return a copy of the settings in which gravity teaches scale and misalignment while the device is worn."""
-    return replace(knobs, track=replace(knobs.track, matrix=replace(knobs.track.matrix, learn=True)))
+    return replace(knobs, track=replace(knobs.track, learn_matrix=True))

@@ -70,13 +70,13 @@ def judge(
     bias = _run(first, last, [(b.sequence, np.tile(b.bias.astype(float), (len(b), 1))) for b in corrected])
     scale = np.array(status.scale)
     bias_std = _run(first, last, [(b.sequence, np.tile(b.bias_std / scale, (len(b), 1))) for b in corrected])
-    truth = device.truth_between(boot, first, last)
+    truth = device.truth.between(boot, first, last)
     start = Rotation.from_quat(truth.attitude[0], scalar_first=True)
     true = Rotation.from_quat(truth.attitude, scalar_first=True)
     return Judgement(
         device=device.name,
         boot=boot,
-        k_true=device.truth_of(boot).k,
+        k_true=device.truth.sensor(boot).k,
         k=scale,
         k_std=good[-1].scale_std * scale,
         time=time,

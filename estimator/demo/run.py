@@ -158,7 +158,7 @@ def _count(console: Console, devices: dict[str, VirtualDevice], subscribers: lis
     total = 0
     boots: list[Boot] = sorted({boot for subscriber in subscribers for boot in subscriber.received})
     for name, boot in boots:
-        sent = devices[name].sent(boot)
+        sent = devices[name].sent[boot]
         total += sent
         received = [subscriber.received[name, boot] for subscriber in subscribers]
         shown.add(name, f"{boot:016x}", str(sent), *map(str, received))

@@ -16,7 +16,7 @@ from estimator.device.outcome import Outcome
 from estimator.device.prior_knowledge import PriorKnowledge, calibrated_bias, wider
 from estimator.device.session_knobs import SessionKnobs
 from estimator.device.worn_calibration import METHOD, combined, learnt
-from estimator.geometry.gyro_model import reading_std
+from estimator.geometry.gyro_model import axis_names, reading_std
 from estimator.samples.sample_buffer import Floats
 from estimator.stillness.detector import Stillness
 from estimator.tracking.bias_state import BiasState
@@ -156,11 +156,8 @@ class BootCalibration:
 
         A slope that was learnt under a law is kept; any other is replaced by the law's.
         """
-        if self.calibration is not None and self._slope_learnt:
-            self.tracker.follow(law)
-        else:
-            self.tracker.expect(law)
-            self._slope_learnt = self.calibration is not None
+        self.tracker.expect(law, learnt=self.calibration is not None and self._slope_learnt)
+        self._slope_learnt = self.calibration is not None
 
     def _say_beside(self, news: Sentences, outcome: Outcome) -> None:
         """Report news while a calibration is in progress: the device's own reason stays the next step for the operator."""
@@ -171,7 +168,7 @@ class BootCalibration:
         """Handle a step of a calibration in progress; now_ns: host time of the window's last sample."""
         match progress:
             case RestFound():
-                self._happens(Event.RESTED, (Code.TURN_NOW(axes=under_way.missing),), outcome)
+                self._happens(Event.RESTED, (Code.TURN_NOW(axes=axis_names(under_way.missing())),), outcome)
             case TurnFound():
                 self._happens(Event.TURNED, under_way.said(progress), outcome)
             case Expired() | Ignored():
@@ -262,7 +259,7 @@ class BootCalibration:
     @property
     def turned(self) -> tuple[int, ...]:
         """Axes (0 to 2) whose turns are taken in the calibration in progress; empty without one."""
-        return () if self.under_way is None else self.under_way.turned
+        return () if self.under_way is None else self.under_way.done()
 
     @property
     def progress(self) -> float:

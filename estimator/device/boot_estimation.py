@@ -155,7 +155,7 @@ class BootEstimation(BootCalibration):
         windows = self._stillness.take(buffer, end)
         windows = windows.part(self._warm_up(windows, buffer, outcome))
         if self.under_way is not None and len(windows):
-            self.under_way.add(windows)
+            self.under_way.take(windows.samples[1])
         seconds = deque(self.tracker.seconds.take(windows))
         for i, (begun, now, last, still) in enumerate(windows.heads):
             self.now = now
@@ -174,7 +174,7 @@ class BootEstimation(BootCalibration):
         for i, (_, now, last, _) in enumerate(heads):
             self.now, window = now, windows.part(i, i + 1)
             if self.under_way is not None:
-                self.under_way.add(window)
+                self.under_way.take(window.samples[1])
             self.tracker.seconds.skip(window)
             buffer.forget(last)
             warm = now - self.began >= self._knobs.warming_s or self.began > self._knobs.warming_s

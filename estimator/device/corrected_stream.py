@@ -19,7 +19,6 @@ from bridge.wire.refusal import Reason
 from estimator.calibration.result import Result
 from estimator.device.batch_correction import Cut, batch_of, correct
 from estimator.device.boot_estimation import BootEstimation
-from estimator.device.correction import Correction
 from estimator.device.lifecycle import Event, Lifecycle
 from estimator.device.orientation import oriented
 from estimator.device.outcome import Outcome
@@ -70,16 +69,16 @@ class CorrectedStream:
         made = partial(as_message, proxy(self))
         self.learnt = BootEstimation(self.knobs, device_time, law, self.life, self.sequence.events, made)
         self._blocks = Blocks(device_time)
-        #: correction in force now, and from the end of this block on
-        self._applied = self._ready = self.learnt.correction()
+        #: correction applied to the next samples; and from the end of this block on
+        self.applied = self._ready = self.learnt.correction()
         #: sample numbers of the last whole block, until it is learnt from
         self._lesson: tuple[int, int] | None = None
-        self._lesson_applied = self._applied  # correction that was applied to that block, and its length, s
+        self._lesson_applied = self.applied  # correction that was applied to that block, and its length, s
         self._lesson_s = self._blocks.length_s
 
     def orient(self) -> None:
         """Begin to estimate the orientation, or begin it anew: heading zero is at the next sample."""
-        self.attitude = Attitude(self.knobs.orientation)
+        self.attitude = Attitude()
 
     @property
     def boot(self) -> int | None:
@@ -100,11 +99,6 @@ class CorrectedStream:
     def tracker(self) -> Tracker:
         """Bias tracker of the current boot."""
         return self.learnt.tracker
-
-    @property
-    def applied(self) -> Correction:
-        """Correction applied to the next samples."""
-        return self._applied
 
     def begins_earlier(self, samples: Samples) -> bool:
         """Whether the samples precede the assumed begin of this boot, while none of the boot was taken yet."""
@@ -169,15 +163,15 @@ class CorrectedStream:
         if blocks.went_back(samples.rows.item(first, TIME) if first else samples.first_s, self._away_s):
             self.sequence.events.add("device clock went back")
         for edge, now, before in blocks.put(samples, first):
-            applied, outcome = self._applied, outcome or Outcome()
+            applied, outcome = self.applied, outcome or Outcome()
             if now - before > SILENCE_S:
                 self._end_block(outcome, (now, known(samples.rows.item(edge, CELSIUS))))
             else:
                 self._end_block(outcome)
-            if edge > start and self._applied is not applied and not self._applied.same(applied):
+            if edge > start and self.applied is not applied:
                 cuts.append(Cut(samples, applied, start, edge))
                 start = edge
-        cuts.append(Cut(samples, self._applied, start, samples.n))
+        cuts.append(Cut(samples, self.applied, start, samples.n))
         return outcome
 
     def _end_block(self, outcome: Outcome, resumed: tuple[float, float | None] | None = None) -> None:
@@ -191,8 +185,8 @@ class CorrectedStream:
         if resumed is not None:
             self.learnt.resumed(*resumed)
             self._ready = self.learnt.correction()
-        self._lesson, self._lesson_applied = self._blocks.end_block(), self._applied
-        self._applied = self._ready
+        self._lesson, self._lesson_applied = self._blocks.end_block(), self.applied
+        self.applied = self._ready
 
     def _learn(self, outcome: Outcome) -> None:
         if self._lesson is None:
@@ -218,7 +212,7 @@ class CorrectedStream:
 
     def _apply(self) -> None:
         """Apply the latest correction at once: the change did not come from samples."""
-        self._applied = self._ready = self.learnt.correction()
+        self.applied = self._ready = self.learnt.correction()
 
 
 def as_message(session: CorrectedStream, result: Result, who: str, now_ns: int) -> Calibration:

@@ -11,9 +11,8 @@ from bridge.wire.batches import MAX_RATE, MAX_STD
 from bridge.wire.messages import Calibration, Quality
 from estimator.geometry.gyro_model import AXES, GyroModel, PriorKnobs, uncalibrated
 from estimator.orientation.attitude import known
-from estimator.state import shaped
+from estimator.state import Floats, shaped
 
-Floats = NDArray[np.float64]
 Float32s = NDArray[np.float32]
 #: range of each row of PublishedCorrection on the wire; a row that is not a number becomes the largest
 _MOST = np.array([[MAX_STD], [MAX_STD], [MAX_STD], [MAX_STD], [MAX_RATE], [MAX_STD]], np.float32)
@@ -95,33 +94,6 @@ class Correction:
             shaped(self.taught, 21, finite=True)
         if self.accel is not None:
             shaped(self.accel, 9, finite=True)
-
-    def same(self, other: "Correction") -> bool:
-        """Whether both corrections are equal, to the last bit."""
-        mine, theirs = self.model, other.model
-        return (
-            self.quality is other.quality
-            and self.calibration == other.calibration
-            and self.flicker == other.flicker
-            and _same(mine.bias, theirs.bias)
-            and _same(self.bias_std, other.bias_std)
-            and _same(mine.noise_std, theirs.noise_std)
-            and _same(mine.matrix, theirs.matrix)
-            and _same(mine.scale_std, theirs.scale_std)
-            and _same(mine.cross_std, theirs.cross_std)
-            and self.walk == other.walk
-            and _same_or_none(self.taught, other.taught)
-            and _same_or_none(self.accel, other.accel)
-        )
-
-
-def _same(a: Floats, b: Floats) -> bool:
-    """Whether two small arrays are equal; comparing lists takes a tenth of NumPy's time."""
-    return a is b or a.tolist() == b.tolist()
-
-
-def _same_or_none(a: Floats | None, b: Floats | None) -> bool:
-    return a is b or (a is not None and b is not None and _same(a, b))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from bridge.reasons.codes import Code, Sentences
 from bridge.wire.messages import DeviceCalibration, Verdict
-from estimator.calibration.result import Result, VerdictKnobs, unbelievable
+from estimator.calibration.result import Result, unbelievable
 
 Floats = NDArray[np.float64]
 #: method name of such a calibration
@@ -38,7 +38,7 @@ def judged(own: DeviceCalibration, boot: int, seen: tuple[Floats, Floats] | None
 def _refused(own: DeviceCalibration, boot: int, seen: tuple[Floats, Floats] | None) -> Sentences:
     if own.boot != boot:
         return (Code.OWN_OF_ANOTHER_BOOT(),)
-    if (outside := unbelievable(np.array(own.scale), VerdictKnobs())) is not None:
+    if (outside := unbelievable(np.array(own.scale))) is not None:
         return outside[1]
     bias = np.array(own.bias)
     if np.abs(bias).max() > MOST_BIAS:

@@ -3,15 +3,12 @@
 from math import cos, radians
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bridge.wire.messages import AccelerometerCalibration
 from estimator.calibration.accelerometer import calibrated
 from estimator.calibration.stages import LEAST_GRAVITY, MOST_GRAVITY
-from estimator.state import StateStruct, shaped
+from estimator.state import Floats, StateStruct, shaped
 from estimator.tracking.seconds import Second
-
-Floats = NDArray[np.float64]
 
 #: s, least length of a rest
 _REST_S = 1.5

@@ -23,7 +23,8 @@ class SequenceNumbers:
         self._before: Callable[[], Iterable[int] | None] | None = None
         #: number of the next sample; None before the first of a boot
         self.next: int | None = None
-        self._first = 0
+        #: sequence number of the first sample heard in this boot
+        self.first = 0
 
     def is_new_boot(self, boot: int) -> bool:
         """Whether samples with this boot id mean that the device has restarted."""
@@ -44,15 +45,10 @@ class SequenceNumbers:
         self.boot = boot
         self.next = None
 
-    @property
-    def first(self) -> int:
-        """Sequence number of the first sample heard in this boot."""
-        return self._first
-
     def resume(self, boot: int, first: int, next_: int) -> None:
         """Continue a boot first heard at sequence number `first`, from number `next_` on."""
         self.begin(boot)
-        self._first, self.next = first, next_
+        self.first, self.next = first, next_
 
     def recall(self, boots: Callable[[], Iterable[int] | None]) -> None:
         """Provide boot ids heard before this estimator knew the device, latest last; their samples count as old.
@@ -70,7 +66,7 @@ class SequenceNumbers:
     def jump(self, batch: Samples) -> None:
         """Continue at the batch's sequence number after a leap; the skipped numbers do not count as missing samples."""
         if self.next is not None and batch.sequence > self.next:
-            self._first += batch.sequence - self.next
+            self.first += batch.sequence - self.next
             self.next = batch.sequence
         self.events.add("stream jumped")
 
@@ -111,7 +107,7 @@ class SequenceNumbers:
             self.dropped.add(Reason.OLD_BOOT, n)
             return n
         if self.next is None:
-            self.next = self._first = batch.sequence
+            self.next = self.first = batch.sequence
         known = max(0, min(self.next - batch.sequence, n))
         if batch.sequence > self.next:
             self.events.add("gaps")
@@ -125,4 +121,4 @@ class SequenceNumbers:
     @property
     def seen(self) -> int:
         """Number of samples the device has made in this boot since its first one heard, missing ones included."""
-        return 0 if self.next is None else self.next - self._first
+        return 0 if self.next is None else self.next - self.first

@@ -200,7 +200,7 @@ class DeviceSession(CorrectedStream):
         if self.boot is None or next_ is None:
             return None
         if self._lesson is None:
-            end, applied, length_s = buffer.end, self._applied, self._blocks.length_s
+            end, applied, length_s = buffer.end, self.applied, self._blocks.length_s
             begun_s, next_ = self._blocks.begun or (None, next_)
         else:  # the block not learnt from yet lies before the current one
             end, applied, length_s = self._lesson[0], self._lesson_applied, self._lesson_s
@@ -257,9 +257,9 @@ class DeviceSession(CorrectedStream):
         session._blocks = Blocks(saved.latest_s)
         session._blocks.length_s = saved.length_s
         session._blocks.resume(buffer, saved.clock, saved.begun_s)
-        session._applied, session._ready = saved.applied, saved.ready
+        session.applied, session._ready = saved.applied, saved.ready
         if saved.attitude is not None:
-            session.attitude = Attitude(session.knobs.orientation, *saved.attitude)
+            session.attitude = Attitude(*saved.attitude)
         session.sequence.resume(saved.boot, saved.first, saved.next)
         session.last_heard_ns, session._unused = saved.last_heard_ns, False
         if saved.learnt.under_way:
@@ -373,7 +373,7 @@ class DeviceSession(CorrectedStream):
             alerts=alerts,
             epoch=epoch,
             accelerometer=learnt.accelerometer,
-            nis=float(np.nan_to_num(self.tracker.doubt.consistency.nis)),
+            nis=float(np.nan_to_num(self.tracker.doubt.consistency.mean_nis)),
             receipts=receipts,
         )
 

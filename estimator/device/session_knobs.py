@@ -6,7 +6,6 @@ from math import inf
 from estimator.calibration.bias_wander import WanderKnobs
 from estimator.calibration.method_names import DEFAULT
 from estimator.geometry.gyro_model import PriorKnobs
-from estimator.orientation.attitude import OrientationKnobs
 from estimator.stillness.detector import StillnessKnobs
 from estimator.tracking.track_knobs import TrackKnobs
 
@@ -29,4 +28,3 @@ class SessionKnobs:
     wander: WanderKnobs = field(default_factory=WanderKnobs)
     stillness: StillnessKnobs = field(default_factory=StillnessKnobs)
     track: TrackKnobs = field(default_factory=TrackKnobs)
-    orientation: OrientationKnobs = field(default_factory=OrientationKnobs)

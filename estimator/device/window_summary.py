@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 
 from bridge.wire.messages import WindowBatch
 from estimator.device.correction import Correction
-from estimator.geometry.gyro_model import corrected
+from estimator.geometry.gyro_model import Floats, corrected
 from estimator.samples.blocks import BLOCK_S
 from estimator.samples.sample_buffer import FLAGS, GYRO, HOST_NS, SEQUENCE, TIME
 
-Floats = NDArray[np.float64]
 Wholes = NDArray[np.int64]
 
 WINDOWS_HZ = 10

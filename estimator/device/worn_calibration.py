@@ -3,18 +3,16 @@
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bridge.reasons.codes import Code
 from bridge.wire.messages import Calibration, Turn, Verdict
 from estimator.calibration.gravity_propagation import COLUMN, MATRIX_PARAMETERS, ROW
 from estimator.calibration.result import Result
-from estimator.tracking.bias_state import BIAS
+from estimator.tracking.bias_state import BIAS, Floats
 from estimator.tracking.evidence import GATES
 from estimator.tracking.gravity import MATRIX
 from estimator.tracking.tracker import Tracker
 
-Floats = NDArray[np.float64]
 #: method name of such a calibration
 METHOD = "worn"
 _SCALE = slice(3, 6)

@@ -8,7 +8,7 @@ import numpy as np
 from bridge.reasons.codes import Code, Sentence, Sentences
 from bridge.wire.messages import SampleBatch, State, Status
 from estimator.calibration.method_names import BY_MOVEMENTS, DEFAULT
-from estimator.calibration.turn_recognition import TurnKnobs
+from estimator.calibration.turn_recognition import LEAST_TURN
 from estimator.geometry.gyro_model import AXES
 from estimator.guide.hand_motion import Hand
 from estimator.guide.steps import Instruction, Picture, Step, Words
@@ -238,7 +238,7 @@ class Guide:
         about = axis if axis is not None else needed[0] if needed else 0
         angle = float(hand.turned[about]) * status.scale[about]
         picture = self._way(about)
-        whole = abs(angle) >= _FULL / TurnKnobs().k_max
+        whole = abs(angle) >= LEAST_TURN
         if hand.settled or (hand.still_s > 0 and whole):
             return Instruction(
                 Step.SETTLE, Picture.EDGE, Words("settle"), hand.rested, angle, axis, done, needed,

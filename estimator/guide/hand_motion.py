@@ -3,8 +3,8 @@
 import numpy as np
 
 from bridge.wire.messages import Floats, SampleBatch, SampleFlag
-from estimator.calibration.stages import StageKnobs
-from estimator.calibration.turn_recognition import TurnKnobs
+from estimator.calibration.stages import REST_S
+from estimator.calibration.turn_recognition import LEAST_TURN, MOST_TURN, NUDGE
 from estimator.geometry import rotation
 from estimator.stillness.detector import Stillness, StillnessKnobs, Window
 
@@ -24,7 +24,7 @@ class Hand:
 
     def __init__(self, stillness: StillnessKnobs | None = None) -> None:
         self._knobs = stillness or StillnessKnobs()
-        self.rest_s, self._turn = StageKnobs().rest_s, TurnKnobs()
+        self.rest_s = REST_S
         self._begin(None)
 
     def _begin(self, boot: int | None) -> None:
@@ -79,12 +79,12 @@ class Hand:
         """Axis (0, 1, 2) of the present turn; None while the rotation is small or spread over several axes."""
         angle = float(np.linalg.norm(self.turned))
         axis = int(np.argmax(np.abs(self.turned)))
-        return axis if angle > self._turn.nudge and abs(float(self.turned[axis])) > SHARE * angle else None
+        return axis if angle > NUDGE and abs(float(self.turned[axis])) > SHARE * angle else None
 
     @property
     def moved(self) -> bool:
-        """Whether the device has turned by more than a nudge (`TurnKnobs.nudge`, rad) since the last rest."""
-        return float(np.linalg.norm(self.turned)) > self._turn.nudge
+        """Whether the device has turned by more than a nudge (30°) since the last rest."""
+        return float(np.linalg.norm(self.turned)) > NUDGE
 
     def believe(self, along: int) -> None:
         """Assume that this axis lies along the table's edge, as a person showed by turning the device about it."""
@@ -123,9 +123,7 @@ class Hand:
     def _put_down(self, face: tuple[int, bool]) -> None:
         """Find how the device lies after a movement; `face` is the axis that was upright, and whether it pointed down."""
         angle = float(np.linalg.norm(self.turned))
-        whole = (
-            2 * np.pi / self._turn.k_max < angle < 2 * np.pi / self._turn.k_min
-        )  # as far as a gyro of unknown scale shows
+        whole = LEAST_TURN < angle < MOST_TURN  # as far as a gyro of unknown scale shows
         same = self.upright is None or (self.upright, self.upside_down) == face
         moved = np.eye(3) if whole and same else self._moved
         top, edge = np.abs(moved[self.top]), np.abs(moved[self.edge])  # the directions then, in axes of the device now

@@ -5,11 +5,8 @@ H (m, n) its slope by the state.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
-from estimator.kernels.compiled import compiled
-
-Floats = NDArray[np.float64]
+from estimator.kernels.compiled import Floats, compiled
 
 
 def innovation(z: Floats, H: Floats, R: Floats, x: Floats, P: Floats, y: Floats, S: Floats) -> bool:

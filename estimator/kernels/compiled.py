@@ -12,6 +12,10 @@ from importlib import import_module
 from pkgutil import iter_modules
 from typing import Any, ParamSpec, TypeVar
 
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
 P = ParamSpec("P")
 R = TypeVar("R")
 

@@ -1,11 +1,8 @@
 """Kernel of tracking/gravity.py: propagates the filter's state over a span."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-from estimator.kernels.compiled import compiled
-
-Floats = NDArray[np.float64]
+from estimator.kernels.compiled import Floats, compiled
 
 #: index of gravity, velocity, accelerometer bias and the gyro's matrix in the state; the gyro's bias is first
 _G, _V, _A, _M = 6, 9, 12, 15

@@ -8,9 +8,8 @@ an acceleration g (phi_y, -phi_x), so v runs away. A wearer's velocity is bounde
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.kernels.compiled import compiled
+from estimator.kernels.compiled import Floats, compiled
 
-Floats = NDArray[np.float64]
 Wholes = NDArray[np.int64]
 
 #: parts of a device's state: device time, s, NaN before the first sample; quaternion; velocity, m/s; velocity over the last
@@ -31,7 +30,7 @@ RESULT_ACCEL, WIDTH = 4, 7
 TRACE = 11
 
 
-@compiled("void(f8[:, ::1], i8[:], f8[:, :], i8[:], f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[:, ::1])")
+@compiled("void(f8[:, ::1], i8[:], f8[:, :], i8[:], f8[:, ::1], f8[:], f8[:, ::1], f8[:, ::1], f8[:, ::1])")
 def carried(
     states: Floats,
     which: Wholes,
@@ -48,16 +47,16 @@ def carried(
     cov, written: covariance of phi as in the state, (n, 6) of every sample, or (m, 6) of the last of each device's rows.
 
     The first counts[0] rows are of the device which[0], corrected as known[0] says, and so on; known (m, KNOWN).
-    knobs (k, 11): numbers of OrientationKnobs, in its order. trace (n, TRACE), or (0, TRACE) where none is wanted.
+    knobs (11,): settings in the order of orientation/attitude.py. trace (n, TRACE), or (0, TRACE) where none is wanted.
     """
     g, limit = 9.80665, np.pi**2 / 3  # the variance of an angle of which nothing is known
     J, f, w, turn, C = np.empty((5, 15)), np.empty(3), np.empty(3), np.empty(3), np.empty((3, 3))
     force = np.empty(3)
     at, every = 0, len(cov) == len(rows)
+    speed, per_unrest, swing_s, share, drift, push = knobs[0], knobs[1], knobs[2], knobs[3], knobs[4], knobs[5]
+    first_tilt, first_speed, flicker_s, unseen, lost_s = knobs[6], knobs[7], knobs[8], knobs[9], knobs[10]
     for m in range(len(counts)):
-        s, own, knob = states[which[m]], known[m], knobs[which[m]]
-        speed, per_unrest, swing_s, share, drift, push = knob[0], knob[1], knob[2], knob[3], knob[4], knob[5]
-        first_tilt, first_speed, flicker_s, unseen, lost_s = knob[6], knob[7], knob[8], knob[9], knob[10]
+        s, own = states[which[m]], known[m]
         for i in range(5):
             for j in range(15):
                 J[i, j] = s[BY + 15 * i + j]

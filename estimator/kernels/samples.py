@@ -3,9 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.kernels.compiled import compiled
+from estimator.kernels.compiled import Floats, compiled
 
-Floats = NDArray[np.float64]
 Float32s = NDArray[np.float32]
 Wholes = NDArray[np.int64]
 

@@ -1,11 +1,8 @@
 """Kernel of tracking/seconds.py: joins windows into seconds."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-from estimator.kernels.compiled import compiled
-
-Floats = NDArray[np.float64]
+from estimator.kernels.compiled import Floats, compiled
 
 #: capacity for windows that wait for a judgement: any two together last more than 0.125 s, and no window waits long
 WAITING = 64

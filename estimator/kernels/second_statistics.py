@@ -1,11 +1,8 @@
 """Kernel of tracking/seconds.py: statistics of the readings of a second."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-from estimator.kernels.compiled import compiled
-
-Floats = NDArray[np.float64]
+from estimator.kernels.compiled import Floats, compiled
 
 #: most rounding steps that a grid may span, and largest distance from the grid, in steps: beyond, the step is finer
 _LEVELS, _OFF_GRID = 512, 0.1

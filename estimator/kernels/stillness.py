@@ -1,11 +1,8 @@
 """Kernel of stillness/detector.py: cuts samples into windows, mends spikes, and judges each window. Unknown values are NaN."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-from estimator.kernels.compiled import compiled
-
-Floats = NDArray[np.float64]
+from estimator.kernels.compiled import Floats, compiled
 
 #: columns of the result of `judged`
 TOLD, SUMMED, NOISE = 6, slice(7, 19), slice(19, 22)

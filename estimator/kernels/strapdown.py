@@ -1,11 +1,8 @@
 """Kernel of geometry/strapdown.py: integrates the readings of a span and their sensitivities."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-from estimator.kernels.compiled import compiled
-
-Floats = NDArray[np.float64]
+from estimator.kernels.compiled import Floats, compiled
 
 #: rows of the result of `summed`
 END, PUSH, SHIFT, DRIFT, BY_BIAS, PUSH_BY_BIAS, PUSH_BY_ACCEL = (

@@ -1,11 +1,8 @@
 """Kernels of tracking/zaru.py: test whether seconds may be one rest, and form their zero-rate measurement."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-from estimator.kernels.compiled import compiled
-
-Floats = NDArray[np.float64]
+from estimator.kernels.compiled import Floats, compiled
 
 
 @compiled("b1(f8[:, :, ::1], f8, f8)")

@@ -14,13 +14,11 @@ from dataclasses import dataclass
 from math import log, pi, sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import brentq, nnls
 from scipy.stats import chi2
 
-from estimator.noise.allan import degrees_of_freedom, interval, octaves, overlapping
+from estimator.noise.allan import Floats, degrees_of_freedom, interval, octaves, overlapping
 
-Floats = NDArray[np.float64]
 #: divisor of the degrees of freedom. The octaves of an overlapping estimate share data: their degrees of freedom add up
 #: to twice the number of samples, and the errors of neighbours are correlated. With this divisor simulated intervals
 #: have their nominal coverage (tests/consistency).

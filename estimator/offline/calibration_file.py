@@ -17,7 +17,7 @@ from bridge.recording import Recording
 from bridge.wire import keys
 from bridge.wire.codec import MAX_CELSIUS, MAX_RATE
 from bridge.wire.messages import AccelerometerCalibration, Calibration, Turn, Verdict
-from estimator.calibration.result import PARAMETERS, Result, VerdictKnobs
+from estimator.calibration.result import K_MAX, K_MIN, PARAMETERS, Result
 from estimator.geometry.gyro_model import AXES, Floats, PriorKnobs
 
 FORMAT, VERSION = "truerate calibration", 1
@@ -264,8 +264,7 @@ def _read(path: Path) -> _File:
 
 
 def _matrix(matrix: Floats) -> Floats:
-    knobs = VerdictKnobs()
-    _within("the diagonal of 'matrix'", np.diag(matrix), knobs.k_min, knobs.k_max)
+    _within("the diagonal of 'matrix'", np.diag(matrix), K_MIN, K_MAX)
     _within("beside its diagonal 'matrix'", matrix[~np.eye(3, dtype=bool)], -_MOST_ACROSS, _MOST_ACROSS)
     return matrix
 

@@ -24,7 +24,6 @@ from estimator.calibration.result import Result
 from estimator.calibration.session import CalibrationSession
 from estimator.calibration.session_events import Finished, Ignored, TurnFound
 from estimator.config.device_settings import knobs_of_stated
-from estimator.device.calibration_progress import turn_knobs
 from estimator.device.outcome import Outcome
 from estimator.device.prior_knowledge import PriorKnowledge
 from estimator.device.resting_poses import RestingPoses
@@ -81,21 +80,27 @@ def calibrate(
 def _calibrated(
     samples: Samples, windows: Windows, method: str, gyro_range: float, rates: tuple[float, ...], knobs: SessionKnobs
 ) -> tuple[Result, list[str]]:
-    turns = turn_knobs(knobs, gyro_range)
+    gyro_range = gyro_range or knobs.gyro_range
     if method in BY_RATES:
-        samples = replace(samples, clipped=at_range(samples, turns.clipping))
+        samples = replace(samples, clipped=at_range(samples, gyro_range))
         return BY_RATES[method](samples, rates, knobs.wander), []
-    session = CalibrationSession(method, None, None, turns, scale_limit=knobs.scale_limit, whole=method in BY_MOVEMENTS)
+    session = CalibrationSession(
+        method,
+        gyro_range=gyro_range,
+        horizontal=knobs.horizontal_turns,
+        scale_limit=knobs.scale_limit,
+        whole=method in BY_MOVEMENTS,
+    )
     if len(windows):
-        session.add(Samples.of(list(windows)))
+        session.take(windows.samples[1])
     passed_over: list[str] = []
     last: Result | None = None
-    for window in windows:
-        for progress in session.window(window):
+    for begun, ended, _, still in windows.heads:
+        for progress in session.judge(begun, ended, still=still):
             if isinstance(progress, Ignored):
-                passed_over.append(f"{window.end_time:.1f} s: {english(*progress.no_turn.reason)}")
+                passed_over.append(f"{ended:.1f} s: {english(*progress.no_turn.reason)}")
             elif isinstance(progress, TurnFound):
-                passed_over += [f"{window.end_time:.1f} s: {english(why)}" for why in progress.dropped.values()]
+                passed_over += [f"{ended:.1f} s: {english(why)}" for why in progress.dropped.values()]
             elif isinstance(progress, Finished):
                 last = progress.result
                 if not last.repeat:
@@ -201,7 +206,7 @@ class _Pass:
         self._known = {"": (np.eye(3), "")}
         self._last: CorrectedBatch | None = None
         #: whether gravity is to teach the matrix, and has not done so yet
-        self._untaught = knobs.track.matrix.learn
+        self._untaught = knobs.track.learn_matrix
         #: whether any turn was recognised
         self.turned = False
         remembered = None

@@ -67,7 +67,7 @@ def _quality(rows: Rows, session: DeviceSession) -> NDArray[np.int64]:
 
 def _smooth_attitudes(rows: Rows, recording: Recording, session: DeviceSession) -> None:
     """Overwrite the attitudes: once more from the smoothed rates, and levelled by later samples too."""
-    applied, attitude = session.applied, Attitude(session.knobs.orientation)
+    applied, attitude = session.applied, Attitude()
     known = applied.known.copy()  # the rates are corrected already, but for what gravity has taught of the matrix
     known[:KNOWN_STD] = *(known[:9].reshape(3, 3) @ np.linalg.inv(applied.model.matrix)).ravel(), *np.zeros(3)
     samples = np.full((len(recording), WIDTH), np.nan)

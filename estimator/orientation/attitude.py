@@ -14,48 +14,46 @@ methods to navigation problems", Advances in Control Systems 3 (1966); Joseph's 
 """
 
 from collections.abc import Sequence
-from dataclasses import astuple, dataclass
 from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from estimator.geometry.gyro_model import GyroModel
 from estimator.kernels import orientation as loop
-from estimator.state import shaped
+from estimator.state import Floats, shaped
 
-Floats = NDArray[np.float64]
 #: m/s²
 G = 9.80665
 _ROWS, _COLUMNS = np.triu_indices(3)
 
 
-@dataclass(frozen=True, slots=True)
-class OrientationKnobs:
-    """Settings of the orientation filter; rad, m, s. The order of the fields is the kernel's."""
-
-    #: m/s, standard deviation of a wearer's velocity averaged over a second: without motion, and for each m/s of motion
-    speed: float = 0.05
-    speed_per_unrest: float = 0.5
-    #: s, over which motion is measured
-    swing_s: float = 2.0
-    #: rad per root second, for each rad/s: gyro errors that grow with the rate (0.3 %, kept for a second)
-    rate_share: float = 2.75e-3
-    #: rad per root second: other gyro errors
-    drift: float = 5e-4
-    #: m/s per root second: accelerometer noise
-    push: float = 0.01
-    #: rad and m/s, standard deviation of the first tilt and the first velocity
-    first_tilt: float = 1.0
-    first_speed: float = 0.5
-    #: s, for which a bias flicker lasts
-    flicker_s: float = 100.0
-    #: rad/s, error of the guessed rate while samples are missing, beside a quarter of the rates before and after
-    unseen_rate: float = 0.02
-    #: s without samples after which the rotation in between counts as unknown
-    lost_s: float = 1.0
+#: m/s, standard deviation of a wearer's velocity averaged over a second: without motion, and for each m/s of motion
+_SPEED, _SPEED_PER_UNREST = 0.05, 0.5
+#: s, over which motion is measured
+_SWING_S = 2.0
+#: rad per root second, for each rad/s: gyro errors that grow with the rate (0.3 %, kept for a second)
+_RATE_SHARE = 2.75e-3
+#: rad per root second: other gyro errors
+_DRIFT = 5e-4
+#: m/s per root second: accelerometer noise
+_PUSH = 0.01
+#: rad and m/s, standard deviation of the first tilt and the first velocity
+_FIRST_TILT, _FIRST_SPEED = 1.0, 0.5
+#: s, for which a bias flicker lasts
+_FLICKER_S = 100.0
+#: rad/s, error of the guessed rate while samples are missing, beside a quarter of the rates before and after
+_UNSEEN_RATE = 0.02
+#: s without samples after which the rotation in between counts as unknown
+_LOST_S = 1.0
+#: in the order in which the kernel unpacks them
+_SETTINGS = np.array(
+    [
+        *(_SPEED, _SPEED_PER_UNREST, _SWING_S, _RATE_SHARE, _DRIFT, _PUSH),
+        *(_FIRST_TILT, _FIRST_SPEED, _FLICKER_S, _UNSEEN_RATE, _LOST_S),
+    ]
+)
 
 
 class Oriented(NamedTuple):
@@ -103,10 +101,8 @@ class Attitude:
     zero: why the heading was zero last: `start`, or who reset it. Raises ValueError for a damaged state.
     """
 
-    def __init__(self, knobs: OrientationKnobs | None = None, state: Floats | None = None, zero: str = "start") -> None:
+    def __init__(self, state: Floats | None = None, zero: str = "start") -> None:
         self.zero = zero
-        #: knobs (11,) as numbers
-        self.knobs = np.array(astuple(knobs or OrientationKnobs()))
         self.state = np.zeros(loop.SIZE)
         self.state[loop.TIME] = np.nan
         if state is not None:
@@ -193,7 +189,7 @@ def _carry(due: Sequence[tuple[Attitude, Floats, Floats]], trace: Floats, *, eve
         rows,
         counts,
         np.concatenate([known for _, _, known in due]).reshape(-1, loop.KNOWN),
-        np.concatenate([attitude.knobs for attitude in attitudes]).reshape(len(attitudes), -1),
+        _SETTINGS,
         out,
         cov,
         trace,

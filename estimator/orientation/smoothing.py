@@ -2,8 +2,9 @@
 
 import numpy as np
 
+from estimator.geometry.gyro_model import Floats
 from estimator.kernels import orientation as loop
-from estimator.orientation.attitude import Floats, G, Oriented
+from estimator.orientation.attitude import G, Oriented
 
 
 def smooth(real_time: Oriented, trace: Floats, accel_std: Floats) -> Oriented:

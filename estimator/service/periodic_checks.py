@@ -100,7 +100,7 @@ class PeriodicChecks:
     def see(self, device: Device) -> None:
         """Note the health of a device for the next snapshot, once it has published a status."""
         if device.latest is not None:
-            nis, violations = device.session.tracker.doubt.consistency.nis, self._violations[device.name]
+            nis, violations = device.session.tracker.doubt.consistency.mean_nis, self._violations[device.name]
             needs = needs_person(device.latest, device.session.info)
             kinds = tuple(one.kind for one in device.board.standing)
             self._seen[device.name] = DeviceHealth(device.latest, nis, device.delay(), violations, needs, kinds)

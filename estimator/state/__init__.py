@@ -36,7 +36,7 @@ def decode(data: bytes, kind: type[T]) -> T:
     try:
         return msgspec.msgpack.decode(inflating.decompress(data, _MOST_BYTES), type=kind, dec_hook=_unpacked)
     except (zlib.error, msgspec.MsgspecError) as error:
-        raise ValueError(f"damaged state: {error}") from error
+        raise ValueError(f"damaged state: {str(error).removeprefix('damaged state: ')}") from error
 
 
 def shaped(array: Floats, *shape: int, finite: bool = False) -> None:

@@ -17,9 +17,8 @@ from numpy.typing import NDArray
 from bridge.reasons.codes import Code, Sentences
 from estimator.kernels.stillness import NOISE, SUMMED, TOLD, judged, nothing_known
 from estimator.samples.sample_buffer import ACCEL, CELSIUS, CLIPPED, GYRO, TIME, WIDTH, SampleBuffer
-from estimator.state import StateStruct, shaped
+from estimator.state import Floats, StateStruct, shaped
 
-Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 
@@ -94,34 +93,9 @@ class Window(NamedTuple):
     aided: bool
 
     @property
-    def time(self) -> Floats:
-        """Device time (n,), s."""
-        return self.rows[:, TIME]
-
-    @property
-    def gyro(self) -> Floats:
-        """Gyro readings (n, 3), rad/s."""
-        return self.rows[:, GYRO]
-
-    @property
-    def accel(self) -> Floats | None:
-        """Accelerometer readings (n, 3), m/s²; None without an accelerometer."""
-        return self.rows[:, ACCEL] if self.aided else None
-
-    @property
-    def clipped(self) -> Flags:
-        """Flags (n,): whether each reading was clipped or stuck."""
-        return np.asarray(self.rows[:, CLIPPED] != 0)
-
-    @property
     def mean(self) -> Floats:
         """Mean gyro reading (3,), rad/s."""
         return self.summed[:3]
-
-    @property
-    def std(self) -> Floats:
-        """Standard deviation (3,) of the gyro readings, rad/s."""
-        return self.summed[6:9]
 
     @property
     def accel_mean(self) -> Floats | None:
@@ -129,19 +103,9 @@ class Window(NamedTuple):
         return self.summed[3:6] if self.aided else None
 
     @property
-    def accel_std(self) -> Floats | None:
-        """Standard deviation (3,) of the accelerometer readings, m/s²; None without an accelerometer."""
-        return self.summed[9:] if self.aided else None
-
-    @property
     def samples(self) -> int:
         """Number of samples in the window."""
         return self.end - self.start
-
-    @property
-    def rate_hz(self) -> float:
-        """Sample rate within the window, Hz."""
-        return (self.samples - 1) / (self.end_time - self.start_time)
 
 
 class Windows:
@@ -175,10 +139,6 @@ class Windows:
         The rows are shared.
         """
         return Windows(self.found[index:end], self.rows, self.first, self._behind(index))
-
-    def each(self) -> Iterator["Windows"]:
-        """Iterate over the windows, each as Windows of length 1."""
-        return (self.part(i, i + 1) for i in range(len(self)))
 
     @property
     def heads(self) -> list[tuple[float, float, int, bool]]:
@@ -255,11 +215,6 @@ class Stillness:
         self._state, self._recent, self._next = saved.state, saved.recent, saved.next
         self.noise_std, self.noise_known = saved.noise_std, saved.noise_known
 
-    @property
-    def fed(self) -> int:
-        """Number of samples fed so far by `feed` or `feed_rows`."""
-        return self._own.end
-
     def feed(
         self,
         time: Floats,
@@ -280,10 +235,6 @@ class Stillness:
             rows[:, ACCEL] = accel
         if celsius is not None:
             rows[:, CELSIUS] = celsius
-        return self.feed_rows(rows)
-
-    def feed_rows(self, rows: Floats) -> Windows:
-        """Add rows (n, 9) of estimator.samples.sample_buffer and return the windows that they complete, judged."""
         self._own.put([(rows, np.zeros((len(rows), 3), np.int64))])
         windows = self.take(self._own, self._own.end)
         self._own.forget(self._next)

@@ -4,7 +4,6 @@ The causes are varied one at a time about the paper's simulation, for Algorithm 
 """
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Literal
 
 import msgspec
@@ -176,14 +175,6 @@ def tables(found: Analysis) -> Sequence[RenderableType]:
     return (table,)
 
 
-def draw(found: Analysis, folder: Path) -> Sequence[str]:
-    """Draw the rms error of k over the values of each cause, one panel per cause; returns the figure's name."""
-    from estimator.study.figures.sweeps import analysis  # noqa: PLC0415 - matplotlib takes a second to load
-
-    analysis(found, folder / "analysis")
-    return ("analysis",)
-
-
 def findings(found: Analysis) -> Sequence[Finding]:
     """Judge the paper's claims on noise, discretization and hand motion, from the factors of the study's own file."""
     return _of_noise(found.of("noise", "algorithm1")), _of_rate(found), _of_hand(found)
@@ -232,14 +223,4 @@ def _of_hand(found: Analysis) -> Finding:
     )
 
 
-STUDY = Study(
-    "analysis",
-    AnalysisScenario,
-    lambda scenario: scenario,
-    jobs,
-    work,
-    results,
-    tables,
-    draw,
-    findings,
-)
+STUDY = Study("analysis", AnalysisScenario, results, tables, findings, jobs=jobs, work=work)

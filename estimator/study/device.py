@@ -3,21 +3,20 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Generic
 
 import numpy as np
 from msgspec import Struct
-from numpy.typing import NDArray
 
 from bridge.recording import Recording
 from bridge.sim.imu_errors import ImuErrorModel, ImuSpec, Truth
-from bridge.sim.motion import GRAVITY, Motion, Piece
+from bridge.sim.motion import Motion, Piece
 from bridge.sim.motion_scripts import SessionPlan, TurnPlan, flat, session
 from bridge.toml.loader import load
 from bridge.toml.shipped import file_of
 from estimator.noise.device_model import load_model
-from estimator.study.study import FOLDERS
+from estimator.study.study import FOLDERS, Floats, S
 
-Floats = NDArray[np.float64]
 Axes = tuple[float, float, float]
 _ROOM_C = 22.0
 _USUAL_ACCEL_NOISE = 0.02
@@ -40,7 +39,7 @@ class _File(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
 
 class Device(Struct, frozen=True, kw_only=True):
-    """A simulated sensor. noise_dps: of a sample; rates in °/s, accelerometer in m/s².
+    """A simulated sensor. zero_g: ± limit of the accelerometer's offset, m/s².
 
     paper: columns of the paper's table by method; `turntable` is the truth.
     """
@@ -48,12 +47,7 @@ class Device(Struct, frozen=True, kw_only=True):
     name: str
     label: str
     rate_hz: float
-    range_dps: float
-    noise_dps: float
-    bias_instability_dps: float
-    rrw_dps_per_sqrt_s: float
-    step_dps: float
-    accel_noise: float
+    spec: ImuSpec
     zero_g: float
     paper: dict[str, PaperColumn]
 
@@ -77,15 +71,25 @@ def load_device(name: str) -> Device:
         name=Path(name).stem,
         label=file.label,
         rate_hz=file.rate_hz,
-        range_dps=file.range_dps,
-        noise_dps=float(np.degrees(model.arw.max())) * white,
-        bias_instability_dps=float(np.degrees(model.bias_instability.max())),
-        rrw_dps_per_sqrt_s=float(np.degrees(model.rrw.max())),
-        step_dps=float(np.degrees(model.step.max())),
-        accel_noise=_USUAL_ACCEL_NOISE if model.accel_noise is None else model.accel_noise * white,
+        spec=ImuSpec(
+            noise_dps=float(np.degrees(model.arw.max())) * white,
+            rrw_dps_per_sqrt_s=float(np.degrees(model.rrw.max())),
+            bias_instability_dps=float(np.degrees(model.bias_instability.max())),
+            range_dps=file.range_dps,
+            step_dps=float(np.degrees(model.step.max())),
+            accel_noise=_USUAL_ACCEL_NOISE if model.accel_noise is None else model.accel_noise * white,
+            temperature_c=(_ROOM_C, _ROOM_C),
+        ),
         zero_g=model.zero_g or 0.0,
         paper=file.paper,
     )
+
+
+class WithSensors(Struct, Generic[S], frozen=True):
+    """A scenario with the files of its sensors read: all that its sessions depend on."""
+
+    scenario: S
+    devices: dict[str, Device]
 
 
 class Hand(Struct, frozen=True, forbid_unknown_fields=True):
@@ -146,21 +150,7 @@ def record(
         bias_per_kelvin2=none,
         g_sensitivity=np.zeros((3, 3)),
     )
-    spec = ImuSpec(
-        noise_dps=device.noise_dps,
-        rrw_dps_per_sqrt_s=device.rrw_dps_per_sqrt_s,
-        bias_instability_dps=device.bias_instability_dps,
-        range_dps=device.range_dps,
-        step_dps=device.step_dps,
-        accel_noise=device.accel_noise,
-        temperature_c=(_ROOM_C, _ROOM_C),
-    )
-    read = ImuErrorModel(spec, rng, truth).read(motion)
-    limit = np.radians(device.range_dps)
+    read = ImuErrorModel(device.spec, rng, truth).read(motion)
+    limit = np.radians(device.spec.range_dps)
     made = Recording(time_s, read.gyro, read.accel, None, device.rate_hz, device.name, gyro_range=float(limit))
     return Recorded(made, motion.rate, ends_s)
-
-
-def milli_g(value: float) -> float:
-    """Convert thousandths of standard gravity to m/s²."""
-    return value * GRAVITY / 1e3

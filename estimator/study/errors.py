@@ -1,7 +1,6 @@
 """Figure 7 of the paper: signed errors of bias and scale over thousands of simulated sessions, by parameter."""
 
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 from msgspec import Struct
@@ -110,14 +109,6 @@ def tables(found: Errors) -> Sequence[RenderableType]:
     return table, f"closure's NEES per degree of freedom (honest: 1): {honest}"
 
 
-def draw(found: Errors, folder: Path) -> Sequence[str]:
-    """Draw box plots of the errors of all parameters; returns the figure's name."""
-    from estimator.study.figures.simulations import errors  # noqa: PLC0415 - matplotlib takes a second to load
-
-    errors(found, folder / "errors")
-    return ("errors",)
-
-
 def findings(found: Errors) -> Sequence[Finding]:
     """Judge the paper's figure 7: whether the errors are unbiased and within the paper's band."""
     rows = [row for row in found.rows if row.method == "algorithm1"]
@@ -141,11 +132,10 @@ def findings(found: Errors) -> Sequence[Finding]:
 STUDY = Study(
     "errors",
     ErrorsScenario,
-    simulation.inputs,
-    simulation.jobs,
-    simulation.work,
     results,
     tables,
-    draw,
     findings,
+    inputs=simulation.inputs,
+    jobs=simulation.jobs,
+    work=simulation.work,
 )

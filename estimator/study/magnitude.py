@@ -1,7 +1,6 @@
 """Figure 9 of the paper: magnitude of a known rate about x, y, z, both ways, before and after calibration by hand."""
 
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 from msgspec import Struct
@@ -111,14 +110,6 @@ def tables(found: Magnitude) -> Sequence[RenderableType]:
     return (table,)
 
 
-def draw(found: Magnitude, folder: Path) -> Sequence[str]:
-    """Draw the magnitudes over time, one panel per sensor; returns the figure's name."""
-    from estimator.study.figures.traces import magnitude  # noqa: PLC0415 - matplotlib takes a second to load
-
-    magnitude(found, folder / "magnitude")
-    return ("magnitude",)
-
-
 def findings(found: Magnitude) -> Sequence[Finding]:
     """Judge the paper's figure 9: whether the magnitude is closer to the truth after calibration."""
     said, closer = [], True
@@ -131,14 +122,4 @@ def findings(found: Magnitude) -> Sequence[Finding]:
     return (Finding("magnitude", "; ".join(said), "agrees" if closer else "differs", why),)
 
 
-STUDY = Study(
-    "magnitude",
-    VerificationScenario,
-    inputs,
-    jobs,
-    work,
-    results,
-    tables,
-    draw,
-    findings,
-)
+STUDY = Study("magnitude", VerificationScenario, results, tables, findings, inputs=inputs, jobs=jobs, work=work)

@@ -1,23 +1,10 @@
 """Algorithm 1 and closure on many simulated sessions at once: arrays of sessions in, arrays of estimates out."""
 
-from dataclasses import dataclass
-
 import numpy as np
-from numpy.typing import NDArray
 
 from bridge.sim.paper_sessions import PaperSessions
-from estimator.calibration.closure_fit import Evidence, fit, linearise
+from estimator.calibration.closure_fit import Evidence, Floats, fit, linearise
 from estimator.geometry import rotation
-
-Floats = NDArray[np.float64]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Many:
-    """Estimates of s sessions: theta (s, 6), bias in rad/s then k; covariance (s, 6, 6), NaN if the method gives none."""
-
-    theta: Floats
-    covariance: Floats
 
 
 def evidence(sessions: PaperSessions, replacement_std: float, *, coning: bool = False) -> Evidence:
@@ -43,15 +30,15 @@ def evidence(sessions: PaperSessions, replacement_std: float, *, coning: bool = 
     )
 
 
-def closure(seen: Evidence) -> Many:
-    """Calibrate all sessions by closure (maximum likelihood).
+def closure(seen: Evidence) -> tuple[Floats, Floats]:
+    """Calibrate all sessions by closure (maximum likelihood): theta (s, 6), bias in rad/s then k; covariance (s, 6, 6).
 
     Raises ArithmeticError when a session does not converge.
     """
     found = fit(seen)
     if not found.converged.all():
         raise ArithmeticError(f"{np.sum(~found.converged)} of {len(found.b)} sessions did not converge")
-    return Many(np.concatenate([found.b, found.k], axis=1), found.covariance)
+    return np.concatenate([found.b, found.k], axis=1), found.covariance
 
 
 def bound(sessions: PaperSessions, noise_std: float, replacement_std: float) -> Floats:
@@ -74,10 +61,10 @@ def bound(sessions: PaperSessions, noise_std: float, replacement_std: float) -> 
     return np.asarray(np.diagonal(np.linalg.inv(information), axis1=1, axis2=2))
 
 
-def algorithm1(sessions: PaperSessions, tolerance: float = 1e-5, max_iterations: int = 50) -> Many:
-    """Calibrate all sessions by Algorithm 1 of the paper, as turn360.estimate does.
+def algorithm1(sessions: PaperSessions, tolerance: float = 1e-5, max_iterations: int = 50) -> Floats:
+    """Calibrate all sessions by Algorithm 1 of the paper, as turn360.estimate does: theta (s, 6), bias in rad/s then k.
 
-    Bias from the first rest, covariance NaN.
+    Bias from the first rest.
     tolerance: change of the scale factors at which a session is done.
     """
     bias = sessions.rests[:, 0].mean(axis=1)
@@ -94,7 +81,7 @@ def algorithm1(sessions: PaperSessions, tolerance: float = 1e-5, max_iterations:
         open_ = open_[np.linalg.norm(dK - 1, axis=1) > tolerance]
         if not len(open_):
             break
-    return Many(np.concatenate([bias, K], axis=1), np.full((len(K), 6, 6), np.nan))
+    return np.concatenate([bias, K], axis=1)
 
 
 def _criteria(S: Floats) -> Floats:

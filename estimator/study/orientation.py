@@ -4,7 +4,6 @@ The angle follows the paper's equations 5 and 6: rates transformed to the initia
 """
 
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 from msgspec import Struct
@@ -125,14 +124,6 @@ def tables(found: Orientation) -> Sequence[RenderableType]:
     return (table,)
 
 
-def draw(found: Orientation, folder: Path) -> Sequence[str]:
-    """Draw angles over time, before and after calibration, one column per sensor; returns the figure's name."""
-    from estimator.study.figures.traces import orientation  # noqa: PLC0415 - matplotlib takes a second to load
-
-    orientation(found, folder / "orientation")
-    return ("orientation",)
-
-
 def findings(found: Orientation) -> Sequence[Finding]:
     """Judge the paper's figures 2 and 10: errors of the angle before and after calibration."""
     before, after, good = [], [], True
@@ -154,14 +145,4 @@ def findings(found: Orientation) -> Sequence[Finding]:
     )
 
 
-STUDY = Study(
-    "orientation",
-    VerificationScenario,
-    inputs,
-    jobs,
-    work,
-    results,
-    tables,
-    draw,
-    findings,
-)
+STUDY = Study("orientation", VerificationScenario, results, tables, findings, inputs=inputs, jobs=jobs, work=work)

@@ -1,6 +1,5 @@
 """Random good and bad calibration sessions by the thousand: how many good ones are refused, and wrong ones accepted."""
 
-import multiprocessing
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -20,7 +19,7 @@ from estimator.calibration.axis_alignment import MAPPINGS
 from estimator.calibration.result import Result
 from estimator.device.session_knobs import SessionKnobs
 from estimator.offline import recordings
-from estimator.study.interrupts import ignore_interrupts
+from estimator.study.worker_processes import started
 
 Floats = NDArray[np.float64]
 Rng = np.random.Generator
@@ -252,9 +251,7 @@ def run(console: Console, runs: int, method: str, workers: int | None) -> None:
     jobs += [(kinds[seed % len(kinds)], seed, method) for seed in range(runs)]
     jobs += [(undetectable[seed % len(undetectable)], seed, method) for seed in range(runs // 5)]
     seen, accepted, wrong, too_sure = Counter[str](), Counter[str](), Counter[str](), Counter[str]()
-    with ignore_interrupts():
-        started = multiprocessing.get_context("spawn").Pool(workers)
-    with started as pool:
+    with started(workers) as pool:
         found = pool.imap_unordered(try_one, jobs, chunksize=16)
         for kind, was_accepted, was_wrong, was_too_sure in track(
             found, "calibrating", total=len(jobs), console=console, transient=True

@@ -8,10 +8,10 @@ from msgspec import Struct
 from rich.console import RenderableType
 
 from bridge.reasons.catalogue import english
-from bridge.recording import Recording, load
+from bridge.recording import load
 from bridge.terminal.tables import Column, Columns
 from estimator.offline import recordings
-from estimator.study.study import Arrays, Job, Parts, Scenario, Study
+from estimator.study.study import Parts, Scenario, Study
 
 METHODS = ("turn360", "closure", "transitions", "accel_aided")
 WORDS = {
@@ -60,23 +60,14 @@ class Real(Struct, frozen=True):
     rows: list[Row]
 
 
-def work(of: RealScenario, _: Job) -> Arrays:
-    """Load the recording: time (n,) s, gyro (n, 3) rad/s, accel (n, 3) m/s² or empty, rate in Hz."""
-    recording = load(of.recording)
-    accel = recording.accel if recording.accel is not None else np.empty((0, 3))
-    return {"time": recording.time_s, "gyro": recording.gyro, "accel": accel, "rate": np.array(recording.rate_hz)}
-
-
-def results(of: RealScenario, parts: Parts) -> Real:
+def results(of: RealScenario, _: Parts) -> Real:
     """Calibrate the whole recording by each method that applies; returns one row per method, imucal's own first."""
-    (part,) = parts.values()
-    accel = part["accel"] if len(part["accel"]) else None
-    recording = Recording(part["time"], part["gyro"], accel, None, float(part["rate"]), Path(of.recording).name)
-    closed, _ = recordings.calibrate(recording, "closure")
+    recording = load(of.recording)
+    closed = recordings.calibrate(recording, "closure")[0]
     turns = {turn.axis: turn for turn in closed.turns}
     rows = [Row("imucal", "", "", [1 / k for k in of.imucal.reading_per_rate], None, list(of.imucal.closure_deg))]
     for method in METHODS:
-        result, _ = recordings.calibrate(recording, method)
+        result = recordings.calibrate(recording, method)[0]
         if not np.isfinite(result.covariance).all():
             rows.append(Row(method, result.verdict.name.lower(), english(*result.reason), None, None, None))
             continue
@@ -111,22 +102,4 @@ def tables(found: Real) -> Sequence[RenderableType]:
     return table, *reasons
 
 
-def draw(found: Real, folder: Path) -> Sequence[str]:
-    """Draw scale factors and closure errors by method; returns the figure's name."""
-    from estimator.study.figures.real import real  # noqa: PLC0415 - matplotlib takes a second to load
-
-    real(found, folder / "real")
-    return ("real",)
-
-
-STUDY = Study(
-    "real",
-    RealScenario,
-    lambda scenario: scenario,
-    lambda _: [("session",)],
-    work,
-    results,
-    tables,
-    draw,
-    lambda _: (),
-)
+STUDY = Study("real", RealScenario, results, tables, lambda _: ())

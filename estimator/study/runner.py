@@ -5,9 +5,8 @@ of all it depends on. So changed inputs never use old parts.
 """
 
 import hashlib
-import multiprocessing
 import shutil
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.metadata import version
@@ -19,10 +18,10 @@ import numpy as np
 from rich.console import Console
 from rich.progress import track
 
-from estimator.study.interrupts import ignore_interrupts
 from estimator.study.study import Arrays, Job, Parts, Scenario, Study
+from estimator.study.worker_processes import started
 
-AnyStudy = Study[Any, Any, Any]
+AnyStudy = Study[Any, Any]
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,14 +45,14 @@ class Runner:
 
     def run(self, study: AnyStudy, scenario: Scenario) -> Done:
         """Run a study: compute missing parts, save results.json and figures in OUT/NAME, and print the tables."""
-        inputs = study.inputs(scenario)
-        parts = self._computed(study, inputs)
-        results = study.results(scenario, parts)
+        from estimator.study.figures.drawing import draw  # noqa: PLC0415 - matplotlib takes a second to load, in each worker
+
+        results = study.results(scenario, self._computed(study, study.inputs(scenario)))
         folder = self._out / study.name
         folder.mkdir(parents=True, exist_ok=True)
         told = {"study": study.name, "truerate": version("truerate"), "scenario": scenario, "results": results}
         _replace(folder / "results.json", msgspec.json.format(msgspec.json.encode(told), indent=1) + b"\n")
-        names = study.draw(results, folder)
+        names = draw(study.name, results, folder)
         for table in study.tables(results):
             self._console.print(table, highlight=False)
         self._console.print(f"In {folder}: results.json, {', '.join(names)} (.svg, .pdf, .png)", highlight=False)
@@ -64,9 +63,11 @@ class Runner:
         shutil.rmtree(self._parts, ignore_errors=True)
 
     def _computed(self, study: AnyStudy, inputs: Any) -> Parts:
-        folder = self._parts / _key(study, inputs)
-        folder.mkdir(parents=True, exist_ok=True)
         jobs = study.jobs(inputs)
+        if study.work is None or not jobs:
+            return {}
+        folder = self._parts / _key(study.work, inputs)
+        folder.mkdir(parents=True, exist_ok=True)
         parts = {job: part for job in jobs if (part := _kept(folder, job)) is not None}
         missing = [(study.work, inputs, job) for job in jobs if job not in parts]
         with _spread(self._workers, missing) as done:
@@ -94,10 +95,7 @@ def _spread(workers: int | None, tasks: Sequence[Any]) -> Iterator[Iterator[tupl
     if workers == 1 or len(tasks) < 2:
         yield map(_do, tasks)
         return
-    # Spawned, not forked: a copy of a process with threads may hang.
-    with ignore_interrupts():
-        started = multiprocessing.get_context("spawn").Pool(workers)
-    with started as pool:
+    with started(workers) as pool:
         yield pool.imap_unordered(_do, tasks)
 
 
@@ -106,9 +104,9 @@ def _do(task: tuple[Any, Any, Job]) -> tuple[Job, Arrays]:
     return job, work(inputs, job)
 
 
-def _key(study: AnyStudy, inputs: Any) -> str:
+def _key(work: Callable[..., Arrays], inputs: Any) -> str:
     told = msgspec.json.encode([version("truerate"), inputs])
-    return f"{study.work.__module__.rpartition('.')[-1]}-{hashlib.sha256(told).hexdigest()[:16]}"
+    return f"{work.__module__.rpartition('.')[-1]}-{hashlib.sha256(told).hexdigest()[:16]}"
 
 
 def _file(folder: Path, job: Job) -> Path:

@@ -2,21 +2,17 @@
 
 from collections.abc import Sequence
 from math import inf
-from pathlib import Path
 
 import numpy as np
 from msgspec import Struct
-from numpy.typing import NDArray
 from rich.console import RenderableType
 
 from bridge.terminal.tables import Column, Columns
 from estimator.study.device import PaperColumn
 from estimator.study.simulation import PARAMETERS
 from estimator.study.spread import Spread, holds, spread
-from estimator.study.study import Finding, Parts, Study
+from estimator.study.study import Finding, Floats, Parts, Study
 from estimator.study.trials import METHODS, WORDS, SensorsScenario, inputs, jobs, work
-
-Floats = NDArray[np.float64]
 
 
 class Row(Struct, frozen=True):
@@ -164,15 +160,6 @@ def tables(found: Sensors) -> Sequence[RenderableType]:
     return *shown, table
 
 
-def draw(found: Sensors, folder: Path) -> Sequence[str]:
-    """Draw one figure per sensor, the differences from the turntable's truth; returns the figures' names."""
-    from estimator.study.figures.sensors import sensor  # noqa: PLC0415 - matplotlib takes a second to load
-
-    for name in found.labels:
-        sensor(found, name, folder / name)
-    return tuple(found.labels)
-
-
 def findings(found: Sensors) -> Sequence[Finding]:
     """Judge the paper's tables 2 and 3, its limits of the errors, and its calibration times."""
     told = [_table(found, name) for name in found.labels]
@@ -228,14 +215,4 @@ def _time(found: Sensors) -> Finding:
     )
 
 
-STUDY = Study(
-    "sensors",
-    SensorsScenario,
-    inputs,
-    jobs,
-    work,
-    results,
-    tables,
-    draw,
-    findings,
-)
+STUDY = Study("sensors", SensorsScenario, results, tables, findings, inputs=inputs, jobs=jobs, work=work)

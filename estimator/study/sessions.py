@@ -6,8 +6,8 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
-from bridge.sim.motion import Piece, Still, Turn
-from bridge.sim.motion_scripts import machine
+from bridge.sim.motion import Piece, Still
+from bridge.sim.motion_scripts import machine, tipped
 
 Floats = NDArray[np.float64]
 _WOBBLE_HARMONICS = 4
@@ -75,13 +75,8 @@ def _through(ups: Sequence[Floats], how: AccelAided, rng: np.random.Generator) -
     pieces: list[Piece] = [Still(how.rest_s)]
     up = ups[0]
     for then in ups[1:]:
-        across = np.cross(then, up)
-        angle = float(np.arctan2(np.linalg.norm(across), then @ up))
-        if np.pi - angle < 1e-9:  # upside down: any axis across will do
-            across = np.cross(up, np.eye(3)[np.argmin(np.abs(up))])
         wobble = np.radians(how.wobble_deg) * rng.normal(size=(_WOBBLE_HARMONICS, 3)) / np.sqrt(_WOBBLE_HARMONICS)
-        goes = np.array([[0.0, how.move_s, 1.0]])
-        pieces += [Turn(how.move_s, across / np.linalg.norm(across), angle, goes, wobble), Still(how.rest_s)]
+        pieces += [tipped(up, then, how.move_s, wobble), Still(how.rest_s)]
         up = then
     return pieces
 

@@ -7,7 +7,7 @@ misses, closure is told by how much.
 from collections.abc import Sequence
 
 import numpy as np
-from msgspec import Struct
+from msgspec import convert
 from numpy.typing import NDArray
 
 from bridge.sim.paper_sessions import PaperGyro, PaperPlan, draw_gyro, simulate
@@ -40,12 +40,12 @@ def run(gyro: PaperGyro, plan: PaperPlan, sessions: int, rng: np.random.Generato
     for start in range(0, sessions, CHUNK):
         of = simulate(gyro, plan, min(CHUNK, sessions - start), rng)
         coning = plan.rate_hz < ClosureKnobs().coning_below_hz
-        paper, ours = many.algorithm1(of), many.closure(many.evidence(of, miss, coning=coning))
-        off = ours.theta - truth
-        nees.append(np.einsum("si,si->s", off, np.linalg.solve(ours.covariance, off[..., None])[..., 0]))
+        paper, (ours, covariance) = many.algorithm1(of), many.closure(many.evidence(of, miss, coning=coning))
+        off = ours - truth
+        nees.append(np.einsum("si,si->s", off, np.linalg.solve(covariance, off[..., None])[..., 0]))
         if start == 0:
             bound = many.bound(of, np.radians(plan.noise_dps), miss)
-        error.append(unit * (np.stack([paper.theta, ours.theta]) - truth))
+        error.append(unit * (np.stack([paper, ours]) - truth))
     return {
         "error": np.concatenate(error, axis=1)[..., _TO_PAPER],
         "bound": (unit**2 * bound)[:, _TO_PAPER],
@@ -75,31 +75,15 @@ class Simulation(Scenario, frozen=True, kw_only=True):
     turn_s: tuple[float, float]
 
 
-class Inputs(Struct, frozen=True):
-    """What the runs of the paper's simulation depend on; equal inputs give equal results.
-
-    Noise in °/s, rate in Hz, lengths of rests and turns in s.
-    """
-
-    runs: int
-    seed: int
-    sets: int
-    noise_dps: tuple[float, ...]
-    rate_hz: float
-    rest_s: float
-    turn_s: tuple[float, float]
-
-
-def inputs(scenario: Simulation) -> Inputs:
+def inputs(scenario: Simulation) -> Simulation:
     """Return what the runs of a scenario depend on.
 
     Equal for all studies of the same runs, so that they share computed parts.
     """
-    s = scenario
-    return Inputs(s.runs, s.seed, s.sets, s.noise_dps, s.rate_hz, s.rest_s, s.turn_s)
+    return convert(scenario, Simulation, from_attributes=True)
 
 
-def jobs(of: Inputs) -> Sequence[Job]:
+def jobs(of: Simulation) -> Sequence[Job]:
     """Return the jobs (noise, number of the parameter set, first run, last run + 1)."""
     runs = {number: of.runs // of.sets + (number < of.runs % of.sets) for number in range(of.sets)}
     return [
@@ -110,7 +94,7 @@ def jobs(of: Inputs) -> Sequence[Job]:
     ]
 
 
-def work(of: Inputs, job: Job) -> Arrays:
+def work(of: Simulation, job: Job) -> Arrays:
     """Run one job, the sessions of one parameter set at one noise; returns the arrays of `run`."""
     noise, number, first, last = (float(word) for word in job)
     plan = PaperPlan(noise, rest_s=of.rest_s, turn_s=of.turn_s, rate_hz=of.rate_hz)

@@ -15,8 +15,8 @@ from bridge.toml.shipped import file_of
 from estimator.study.names import STUDIES
 
 S = TypeVar("S", bound="Scenario")
-In = TypeVar("In", bound=Struct)
 R = TypeVar("R", bound=Struct)
+Floats = NDArray[np.float64]
 #: arguments of one job, numbers and words; equal arguments mean equal work
 Job = tuple[str | int | float, ...]
 #: arrays computed by a job, by name
@@ -58,26 +58,24 @@ class Finding:
 
 
 @dataclass(frozen=True, slots=True)
-class Study(Generic[S, In, R]):
+class Study(Generic[S, R]):
     """A study: compute, then draw.
 
     name: of the command and of configs/study/NAME.toml, which is read as `scenario`.
-    inputs(scenario): all that a job depends on; equal work and inputs give equal parts. jobs(inputs): list of jobs.
-    work(inputs, job): computes the arrays of one job, in another process.
     results(scenario, parts): content of results.json, from which tables, figures and findings are made.
-    draw(results, folder): saves the figures, returns their names without suffix.
     findings(results): findings for the report, for the scenario that comes with truerate.
+    inputs(scenario): all that a job depends on; equal work and inputs give equal parts. jobs(inputs): list of jobs.
+    work(inputs, job): computes the arrays of one job, in another process. A study of one session has no jobs.
     """
 
     name: str
     scenario: type[S]
-    inputs: Callable[[S], In]
-    jobs: Callable[[In], Sequence[Job]]
-    work: Callable[[In, Job], Arrays]
     results: Callable[[S, Parts], R]
     tables: Callable[[R], Sequence[RenderableType]]
-    draw: Callable[[R, Path], Sequence[str]]
     findings: Callable[[R], Sequence[Finding]]
+    inputs: Callable[[S], Any] = lambda scenario: scenario
+    jobs: Callable[[Any], Sequence[Job]] = lambda _: ()
+    work: Callable[[Any, Job], Arrays] | None = None
 
     @property
     def does(self) -> str:

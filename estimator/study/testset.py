@@ -1,7 +1,6 @@
 """Figure 8 of the paper: mean error of the rate on a test set, before and after calibration (equation 12)."""
 
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 from msgspec import Struct
@@ -128,14 +127,6 @@ def tables(found: Testset) -> Sequence[RenderableType]:
     return table, share
 
 
-def draw(found: Testset, folder: Path) -> Sequence[str]:
-    """Draw box plots of the mean errors; returns the figure's name."""
-    from estimator.study.figures.simulations import testset  # noqa: PLC0415 - matplotlib takes a second to load
-
-    testset(found, folder / "testset")
-    return ("testset",)
-
-
 def findings(found: Testset) -> Sequence[Finding]:
     """Judge the paper's figure 8: whether the error is reduced to 3 % or less."""
     left = next(one for one in found.left if one.method == "algorithm1" and one.noise_dps == found.paper_left_noise_dps)
@@ -152,11 +143,10 @@ def findings(found: Testset) -> Sequence[Finding]:
 STUDY = Study(
     "testset",
     TestsetScenario,
-    simulation.inputs,
-    simulation.jobs,
-    simulation.work,
     results,
     tables,
-    draw,
     findings,
+    inputs=simulation.inputs,
+    jobs=simulation.jobs,
+    work=simulation.work,
 )

@@ -8,12 +8,11 @@ from collections.abc import Sequence
 from time import perf_counter
 
 import numpy as np
-from msgspec import Struct
 
-from bridge.sim.motion import Piece
+from bridge.sim.motion import GRAVITY, Piece
 from bridge.wire.messages import Verdict
 from estimator.offline import recordings
-from estimator.study.device import Device, Hand, load_device, milli_g, record
+from estimator.study.device import Hand, WithSensors, load_device, record
 from estimator.study.sessions import AccelAided, Servomotor, Turntable
 from estimator.study.study import Arrays, Job, Scenario, generator
 
@@ -42,32 +41,22 @@ class SensorsScenario(Scenario, frozen=True, kw_only=True):
     paper_limit: dict[str, float]
 
 
-class Inputs(Struct, frozen=True):
-    """What the runs of study `sensors` depend on; equal inputs give equal results."""
-
-    runs: int
-    seed: int
-    devices: dict[str, Device]
-    hand: Hand
-    turntable: Turntable
-    accel_aided: AccelAided
-    servomotor: Servomotor
+Inputs = WithSensors[SensorsScenario]
 
 
-def inputs(s: SensorsScenario) -> Inputs:
-    """Return what the runs of a scenario depend on, with the sensors' files read. Raises ConfigError."""
-    devices = {name: load_device(name) for name in s.sensors}
-    return Inputs(s.runs, s.seed, devices, s.hand, s.turntable, s.accel_aided, s.servomotor)
+def inputs(scenario: SensorsScenario) -> Inputs:
+    """Read the files of a scenario's sensors. Raises ConfigError."""
+    return WithSensors(scenario, {name: load_device(name) for name in scenario.sensors})
 
 
 def jobs(of: Inputs) -> Sequence[Job]:
     """Return the jobs (sensor, method, first run, last run + 1), the longest first."""
     methods = sorted(METHODS, key=lambda method: method not in ("turntable", "accel_aided"))
     return [
-        (name, method, first, min(first + _TASK, of.runs))
+        (name, method, first, min(first + _TASK, of.scenario.runs))
         for method in methods
         for name in of.devices
-        for first in range(0, of.runs, _TASK)
+        for first in range(0, of.scenario.runs, _TASK)
     ]
 
 
@@ -81,8 +70,8 @@ def work(of: Inputs, job: Job) -> Arrays:
     found, std, accepted, lasts, took = [], [], [], [], []
     for number in range(first, last):
         # Both methods by hand get the same device and motion.
-        rng = generator(of.seed, name, "hand" if method in ("turn360", "closure") else method, number)
-        pieces, rates, accel, zero_g = session_of(of, method, rng)
+        rng = generator(of.scenario.seed, name, "hand" if method in ("turn360", "closure") else method, number)
+        pieces, rates, accel, zero_g = session_of(of.scenario, method, rng)
         recorded = record(of.devices[name], pieces, rng, zero_g=zero_g)
         recording = recorded.until(np.inf, accel=accel)
         begun = perf_counter()
@@ -103,7 +92,7 @@ def work(of: Inputs, job: Job) -> Arrays:
 
 
 def session_of(
-    of: Inputs, method: str, rng: np.random.Generator
+    of: SensorsScenario, method: str, rng: np.random.Generator
 ) -> tuple[Sequence[Piece], tuple[float, ...], bool, float | None]:
     """Return a random session of a method: its motion, and what the calibration is told.
 
@@ -114,7 +103,7 @@ def session_of(
         return of.turntable.pieces(rng), of.turntable.rates_dps, False, None
     if method == "servomotor":
         servo = of.servomotor
-        return servo.pieces(rng), (servo.rate_dps,), True, milli_g(servo.accel_offset_mg)
+        return servo.pieces(rng), (servo.rate_dps,), True, servo.accel_offset_mg * GRAVITY / 1e3
     if method == "accel_aided":
         return of.accel_aided.pieces(rng), (), True, None
     return of.hand.pieces(rng), (), False, None

@@ -1,22 +1,21 @@
 """Figure 6 of the paper: one simulated session, with the stages found from its readings alone."""
 
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 from msgspec import Struct
+from numpy.typing import NDArray
 from rich.console import RenderableType
 
 from bridge.recording import Recording
-from bridge.sim.paper_sessions import PaperPlan, simulate
+from bridge.sim.paper_sessions import PaperGyro, PaperPlan, simulate
 from bridge.terminal.tables import Column, Columns
-from estimator.calibration.capture import Samples
 from estimator.calibration.session import CalibrationSession
 from estimator.calibration.session_events import TurnFound
 from estimator.offline import recordings
 from estimator.stillness.detector import Stillness
 from estimator.study.simulation import PARAMETERS, gyro_of
-from estimator.study.study import Arrays, Finding, Job, Parts, Scenario, Study, generator
+from estimator.study.study import Finding, Parts, Scenario, Study, generator
 
 _AXES = ("x", "y", "z")
 
@@ -66,28 +65,26 @@ class Typical(Struct, frozen=True):
     verdict: str
 
 
-def work(of: TypicalScenario, _: Job) -> Arrays:
-    """Simulate the session; returns its readings gyro (n, 3), rad/s, and the begin and end of its turns (3, 2), s."""
-    gyro = gyro_of(of.seed, of.set_number)
+def _simulated(of: TypicalScenario, gyro: PaperGyro) -> tuple[NDArray[np.float64], list[Stage]]:
+    """Readings (n, 3) of the session, rad/s, and its turns."""
     plan = PaperPlan(of.noise_dps, rest_s=of.rest_s, turn_s=of.turn_s, rate_hz=of.rate_hz)
     session = simulate(gyro, plan, 1, generator(of.seed, "typical"))
     counts = (session.dt[0] > 0).sum(axis=1)
     pieces, turns, n = [session.rests[0, 0]], [], len(session.rests[0, 0])
     for i, count in enumerate(counts):
         pieces += [session.turns[0, i, :count], session.rests[0, i + 1]]
-        turns.append((n / of.rate_hz, (n + count) / of.rate_hz))
+        turns.append(Stage(_AXES[i], float(n / of.rate_hz), float((n + count) / of.rate_hz)))
         n += count + len(session.rests[0, i + 1])
-    return {"gyro": np.concatenate(pieces), "turns": np.array(turns)}
+    return np.concatenate(pieces), turns
 
 
-def results(of: TypicalScenario, parts: Parts) -> Typical:
-    """Find the turns in the readings alone, and calibrate by Algorithm 1."""
-    (part,) = parts.values()
-    gyro = part["gyro"]
+def results(of: TypicalScenario, _: Parts) -> Typical:
+    """Simulate a session, find the turns in its readings alone, and calibrate by Algorithm 1."""
+    truth = gyro_of(of.seed, of.set_number)
+    gyro, turns = _simulated(of, truth)
     time_s = np.arange(1, len(gyro) + 1) / of.rate_hz
     recording = Recording(time_s, gyro, None, None, of.rate_hz, "typical")
-    result, _ = recordings.calibrate(recording, "turn360")
-    truth = gyro_of(of.seed, of.set_number)
+    result = recordings.calibrate(recording, "turn360")[0]
     std = np.sqrt(np.diag(result.covariance))
     values = zip(
         PARAMETERS,
@@ -100,7 +97,7 @@ def results(of: TypicalScenario, parts: Parts) -> Typical:
         noise_dps=of.noise_dps,
         time_s=[round(float(t), 4) for t in time_s],
         reading_dps=[[round(float(x), 3) for x in axis] for axis in np.degrees(gyro).T],
-        simulated=[Stage(_AXES[i], float(a), float(b)) for i, (a, b) in enumerate(part["turns"])],
+        simulated=turns,
         found=_stages(recording),
         parameters=[Parameter(name, float(a), float(b), float(c)) for name, a, b, c in values],
         verdict=result.verdict.name.lower(),
@@ -109,11 +106,9 @@ def results(of: TypicalScenario, parts: Parts) -> Typical:
 
 def _stages(recording: Recording) -> list[Stage]:
     """Turns that a calibration session recognises, from the rest before to the rest after."""
-    n = len(recording)
-    session = CalibrationSession("turn360")
-    windows = list(Stillness().feed(recording.time_s, recording.gyro, None))
-    session.add(Samples(recording.time_s, recording.gyro, None, np.zeros(n, bool)))
-    progress = [one for window in windows for one in session.window(window)]
+    session, windows = CalibrationSession("turn360"), Stillness().feed(recording.time_s, recording.gyro, None)
+    session.take(windows.samples[1])
+    progress = [one for begun, ended, _, still in windows.heads for one in session.judge(begun, ended, still=still)]
     turns = [one.turn for one in progress if isinstance(one, TurnFound)]
     return [Stage(_AXES[turn.axis], float(turn.before.end), float(turn.after.start)) for turn in turns]
 
@@ -133,14 +128,6 @@ def tables(found: Typical) -> Sequence[RenderableType]:
     return stages, table
 
 
-def draw(found: Typical, folder: Path) -> Sequence[str]:
-    """Draw the readings over time with shaded turns; returns the figure's name."""
-    from estimator.study.figures.traces import typical  # noqa: PLC0415 - matplotlib takes a second to load
-
-    typical(found, folder / "typical")
-    return ("typical",)
-
-
 def findings(found: Typical) -> Sequence[Finding]:
     """Judge the paper's figure 6: whether all turns are found at the right times."""
     pairs = [(a, b) for a in found.simulated for b in found.found if a.axis == b.axis]
@@ -156,14 +143,4 @@ def findings(found: Typical) -> Sequence[Finding]:
     )
 
 
-STUDY = Study(
-    "typical",
-    TypicalScenario,
-    lambda scenario: scenario,
-    lambda _: [("session",)],
-    work,
-    results,
-    tables,
-    draw,
-    findings,
-)
+STUDY = Study("typical", TypicalScenario, results, tables, findings)

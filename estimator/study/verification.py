@@ -4,18 +4,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from msgspec import Struct
-from numpy.typing import NDArray
 
 from bridge.sim.motion import Piece, Still
 from bridge.sim.motion_scripts import machine
-from bridge.wire.messages import Verdict
 from estimator.offline import recordings
-from estimator.study.device import Device, Hand, Recorded, load_device, record
+from estimator.study.device import Hand, Recorded, WithSensors, load_device, record
 from estimator.study.sessions import turn_s
-from estimator.study.study import Job, Scenario, generator
+from estimator.study.study import Floats, Job, Scenario, generator
 
-Floats = NDArray[np.float64]
 METHODS = ("turn360", "closure")
 WORDS = {"raw": "readings", "turn360": "Algorithm 1", "closure": "closure", "paper": "the paper's K and b"}
 
@@ -33,39 +29,30 @@ class VerificationScenario(Scenario, frozen=True, kw_only=True):
     rest_s: float
 
 
-class Inputs(Struct, frozen=True):
-    """What the sessions depend on; equal inputs give equal results. rate_dps: °/s; rest_s: s."""
-
-    runs: int
-    seed: int
-    devices: dict[str, Device]
-    hand: Hand
-    rate_dps: float
-    rest_s: float
+Inputs = WithSensors[VerificationScenario]
 
 
-def inputs(s: VerificationScenario) -> Inputs:
-    """Return what the sessions of a scenario depend on, with the sensors' files read. Raises ConfigError."""
-    return Inputs(s.runs, s.seed, {name: load_device(name) for name in s.sensors}, s.hand, s.rate_dps, s.rest_s)
+def inputs(scenario: VerificationScenario) -> Inputs:
+    """Read the files of a scenario's sensors. Raises ConfigError."""
+    return WithSensors(scenario, {name: load_device(name) for name in scenario.sensors})
 
 
 def jobs(of: Inputs) -> Sequence[Job]:
     """Return the jobs (sensor, number of the run)."""
-    return [(name, run) for name in of.devices for run in range(of.runs)]
+    return [(name, run) for name in of.devices for run in range(of.scenario.runs)]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Verification:
     """Machine part of a session: time_s (n,) from its begin, true rate (n, 3), and rates (n, 3) by key of WORDS, rad/s.
 
-    spins: (begin, end) of each turn with its ramps, s. accepted: by method, whether the calibration was accepted.
+    spins: (begin, end) of each turn with its ramps, s.
     """
 
     time_s: Floats
     truth: Floats
     rates: dict[str, Floats]
     spins: list[tuple[float, float]]
-    accepted: dict[str, bool]
 
 
 def verify(of: Inputs, job: Job) -> Verification:
@@ -73,10 +60,10 @@ def verify(of: Inputs, job: Job) -> Verification:
 
     job: (sensor, number of the run).
     """
-    device = of.devices[str(job[0])]
-    rng = generator(of.seed, *job)
-    by_hand = of.hand.pieces(rng)
-    turning = machine(np.eye(3), (-of.rate_dps, of.rate_dps), rest_s=of.rest_s, spin_s=turn_s(of.rate_dps))
+    s, device = of.scenario, of.devices[str(job[0])]
+    rng = generator(s.seed, *job)
+    by_hand = s.hand.pieces(rng)
+    turning = machine(np.eye(3), (-s.rate_dps, s.rate_dps), rest_s=s.rest_s, spin_s=turn_s(s.rate_dps))
     recorded = record(device, [*by_hand, *turning], rng)
     calibrated_s = float(recorded.ends_s[len(by_hand) - 1])
     session = recorded.until(calibrated_s)
@@ -93,7 +80,6 @@ def verify(of: Inputs, job: Job) -> Verification:
             "paper": np.array(column.k) * (reading + np.radians(column.b_dps)),
         },
         spins=_spins([*by_hand, *turning], recorded, len(by_hand)),
-        accepted={method: result.verdict is Verdict.ACCEPTED for method, result in found.items()},
     )
 
 

@@ -3,8 +3,6 @@
 A mirrored or swapped accelerometer looks right by itself, but repeatedly contradicts gravity carried by the gyro.
 """
 
-from dataclasses import dataclass
-
 from estimator.state import StateStruct
 from estimator.tracking.evidence import Receipt
 from estimator.tracking.seconds import Second
@@ -12,24 +10,18 @@ from estimator.tracking.seconds import Second
 #: m/s²; identical readings deviate less than this from their mean, by rounding
 _ROUNDING = 1e-9
 
-
-@dataclass(frozen=True, slots=True)
-class AccelerometerKnobs:
-    """Limits within which an accelerometer counts as usable."""
-
-    #: m/s², limits of a second's mean reading; a wearer's movement stays within them
-    weakest: float = 5.0
-    strongest: float = 20.0
-    #: contradicting minus agreeing seconds after which it is given up for this boot
-    patience: int = 30
-    #: contradicting seconds in a row that mean a fault, of the accelerometer or the bias
-    in_a_row: int = 5
-    #: relative; a less certain scale moves gravity more in a turn than a wrong bias does
-    scale_std: float = 0.05
+#: m/s², limits of a second's mean reading; a wearer's movement stays within them
+_WEAKEST, _STRONGEST = 5.0, 20.0
+#: contradicting minus agreeing seconds after which it is given up for this boot
+_PATIENCE = 30
+#: contradicting seconds in a row that mean a fault, of the accelerometer or the bias
+_IN_A_ROW = 5
+#: relative; a less certain scale moves gravity more in a turn than a wrong bias does
+SCALE_STD = 0.05
 
 
-class AccelerometerState(StateStruct):
-    """State of the accelerometer check.
+class AccelerometerCheck(StateStruct):
+    """Accelerometer check: seconds and receipts of gravity's evidence in; whether to use the accelerometer out.
 
     balance: contradicting minus agreeing seconds, at least 0. row: contradicting seconds in a row. disbelieved: whether
     the accelerometer is given up for this boot. alive: whether the readings have ever changed.
@@ -40,14 +32,6 @@ class AccelerometerState(StateStruct):
     row: int = 0
     alive: bool = False
 
-
-class AccelerometerCheck:
-    """Accelerometer check: seconds and receipts of gravity's evidence in; whether to use the accelerometer out."""
-
-    def __init__(self, knobs: AccelerometerKnobs | None = None) -> None:
-        self.knobs = knobs or AccelerometerKnobs()
-        self.state = AccelerometerState()
-
     def fit(self, second: Second) -> bool:
         """Whether the accelerometer can be used in the next second.
 
@@ -56,15 +40,15 @@ class AccelerometerCheck:
         """
         fit = self._fit(second)
         if not fit:
-            self.state.row = 0  # a silent or frozen accelerometer contradicts nothing
+            self.row = 0  # a silent or frozen accelerometer contradicts nothing
         return fit
 
     def _fit(self, second: Second) -> bool:
-        if self.state.disbelieved or second.accel is None or second.accel_std is None:
+        if self.disbelieved or second.accel is None or second.accel_std is None:
             return False
         changing = max(second.accel_std.tolist()) > _ROUNDING
-        self.state.alive |= changing
-        return (changing or not self.state.alive) and self.knobs.weakest < second.accel_strength < self.knobs.strongest
+        self.alive |= changing
+        return (changing or not self.alive) and _WEAKEST < second.accel_strength < _STRONGEST
 
     def heard(self, receipt: Receipt) -> None:
         """Count one second's receipt of gravity's evidence.
@@ -72,14 +56,13 @@ class AccelerometerCheck:
         A test ratio above 1 contradicts the gyro, any other agrees.
         """
         against = receipt.test_ratio > 1
-        state = self.state
-        state.row = state.row + 1 if against else 0
-        state.balance = max(0, state.balance + (1 if against else -1))
-        state.disbelieved |= state.balance >= self.knobs.patience
+        self.row = self.row + 1 if against else 0
+        self.balance = max(0, self.balance + (1 if against else -1))
+        self.disbelieved |= self.balance >= _PATIENCE
 
     def anew(self) -> None:
         """Reset the counts of contradictions, because the bias has been started anew."""
-        self.state.balance = self.state.row = 0
+        self.balance = self.row = 0
 
     @property
     def contradicts(self) -> bool:
@@ -87,4 +70,4 @@ class AccelerometerCheck:
 
         False once it is given up.
         """
-        return self.state.row >= self.knobs.in_a_row and not self.state.disbelieved
+        return self.row >= _IN_A_ROW and not self.disbelieved

@@ -12,15 +12,12 @@ from threading import get_ident
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimator.kernels.bias_filter import inverse, walked, weighed
-from estimator.state import StateStruct, shaped
+from estimator.state import Floats, StateStruct, shaped
 from estimator.tracking.bias_state import BIAS, OWN, SLOPE, BiasKnobs, BiasState
 from estimator.tracking.evidence import Evidence, Receipt
 from estimator.tracking.temperature_law import TemperatureLaw
-
-Floats = NDArray[np.float64]
 
 _NOTHING = np.zeros(3)
 #: variances of the bias, in a covariance
@@ -162,20 +159,20 @@ class BiasFilter:
         kf.predict(F=step.F, Q=step.Q)
         self._x, self._P = step.x.copy(), kf.P  # x itself from step.x: F is only its derivative
 
-    def expect(self, law: TemperatureLaw) -> None:
-        """Use a temperature law from now on; its slope and variance replace the tracked ones."""
-        self.law = law
-        if np.isfinite(self.temperature_c):
+    def expect(self, law: TemperatureLaw, *, learnt: bool = False) -> None:
+        """Use a temperature law from now on; its slope and variance replace the tracked ones.
+
+        learnt: the tracked slope was learnt under this law; it is kept.
+        """
+        self.law, self._unsure = (
+            law,
+            law.slope_var(self.temperature_c) if np.isfinite(self.temperature_c) else np.zeros(3),
+        )
+        if np.isfinite(self.temperature_c) and not learnt:
             self._x[SLOPE] = law.slope(self.temperature_c)
-            self._unsure = self._law_var(self.temperature_c)
             P = self._P
             P[SLOPE, :] = P[:, SLOPE] = 0.0
             P[SLOPE, SLOPE] = np.diag(self._unsure)
-
-    def follow(self, law: TemperatureLaw) -> None:
-        """Use a temperature law from now on, but keep the tracked slope, which was learnt under this law."""
-        self.law = law
-        self._unsure = self._law_var(self.temperature_c)
 
     def unlearn(self) -> Floats:
         """Give the temperature law up, and add the variance of an unknown slope to that of the tracked one.

@@ -1,72 +1,44 @@
 """Bias monitor: doubts the tracked bias when rests, gravity or lack of evidence speak against it."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from math import degrees
 
+import msgspec
 import numpy as np
 
 from bridge.reasons.codes import Code, Sentence, Sentences
 from estimator.state import StateStruct
 from estimator.tracking.evidence import Receipt
-from estimator.tracking.innovation_consistency import ConsistencyState, InnovationConsistency
+from estimator.tracking.innovation_consistency import InnovationConsistency
 from estimator.tracking.zaru import INSISTED, JUMPED, UNPROVEN
 
 #: parts of the bias, horizontal and vertical: one may be wrong while rests agree with the other
 _PARTS = "level", "vertical"
+#: s without an accepted rest after which the bias is doubted
+EVIDENCE_AGE_S = 1800.0
+#: seconds of rest in a row that contradict a bias that is doubted
+CONTRADICTIONS = 5
+#: factor of `InnovationConsistency.inflation` beyond which the bias is doubted
+_INFLATION = 3.0
 
 
-@dataclass(frozen=True, slots=True)
-class BiasMonitorKnobs:
-    """Thresholds for a doubt of the bias."""
-
-    #: s without an accepted rest
-    evidence_age_s: float = 1800.0
-    #: seconds of rest in a row that contradict the bias
-    contradictions: int = 5
-    #: factor of `InnovationConsistency.inflation`
-    inflation: float = 3.0
-
-
-class BiasMonitorState(StateStruct):
-    """State of the bias monitor.
+class BiasMonitor(StateStruct):
+    """Bias monitor: receipts in; reasons to doubt the bias, or the end of a doubt, out.
 
     why: reasons of the present doubt, or empty. contradictions: by part of the bias (level, vertical), their number
     since a rest last agreed. refused: by part, error of the latest contradiction, rad/s, and its kind. agreed: parts
-    that rests have agreed with since the doubt began. consistency: latest innovations.
+    that rests have agreed with since the doubt began. consistency: latest innovations. Raises ValueError for unknown parts.
     """
 
-    why: Sentences
-    contradictions: dict[str, int]
-    refused: dict[str, tuple[float, str]]
-    agreed: set[str]
-    consistency: ConsistencyState
+    why: Sentences = ()
+    contradictions: dict[str, int] = msgspec.field(default_factory=lambda: dict.fromkeys(_PARTS, 0))
+    refused: dict[str, tuple[float, str]] = msgspec.field(default_factory=dict)
+    agreed: set[str] = msgspec.field(default_factory=set)
+    consistency: InnovationConsistency = msgspec.field(default_factory=InnovationConsistency)
 
-
-class BiasMonitor:
-    """Bias monitor: receipts in; reasons to doubt the bias, or the end of a doubt, out."""
-
-    def __init__(self, knobs: BiasMonitorKnobs | None = None) -> None:
-        self.knobs = knobs or BiasMonitorKnobs()
-        #: reasons while the bias is doubted, else empty
-        self.why: Sentences = ()
-        self.last_receipt: Receipt | None = None
-        self.consistency = InnovationConsistency()
-        self._contradictions, self._refused = dict.fromkeys(_PARTS, 0), dict[str, tuple[float, str]]()
-        self._agreed = set[str]()
-
-    @property
-    def state(self) -> BiasMonitorState:
-        """State to save for `restore`."""
-        return BiasMonitorState(self.why, self._contradictions, self._refused, self._agreed, self.consistency.state)
-
-    def restore(self, state: BiasMonitorState) -> None:
-        """Restore a state. Raises ValueError when it names unknown parts."""
-        if not set(state.contradictions) == set(_PARTS) >= {*state.refused, *state.agreed}:
+    def __post_init__(self) -> None:
+        if not set(self.contradictions) == set(_PARTS) >= {*self.refused, *self.agreed}:
             raise ValueError("damaged state: parts of a bias that there are not")
-        self.why, self._contradictions, self._refused = state.why, state.contradictions, state.refused
-        self._agreed = state.agreed
-        self.consistency.restore(state.consistency)
 
     @property
     def stands(self) -> bool:
@@ -75,10 +47,10 @@ class BiasMonitor:
 
     def anew(self) -> None:
         """Reset the monitor for a new bias: no doubt, and no contradictions or innovations counted."""
-        self._contradictions = dict.fromkeys(_PARTS, 0)
+        self.contradictions = dict.fromkeys(_PARTS, 0)
         self.why = ()
-        self._agreed.clear()
-        self.consistency.forget()
+        self.agreed.clear()
+        self.consistency = InnovationConsistency()
 
     def take(self, receipts: Sequence[Receipt], surprises: Sequence[Receipt], *, rested: bool = True) -> None:
         """Add the receipts of rests, to count contradictions and check consistency.
@@ -91,9 +63,8 @@ class BiasMonitor:
             if rested or not receipt.kind.startswith("zaru"):
                 self.consistency.take(receipt)
         for receipt in receipts:
-            self.last_receipt = receipt
             if receipt.reason in {INSISTED, JUMPED}:
-                self.consistency.forget()  # evidence against the old bias supports the new one
+                self.consistency = InnovationConsistency()  # evidence against the old bias supports the new one
             for part in _parts(receipt.kind):
                 self._heard(part, receipt)
 
@@ -101,13 +72,13 @@ class BiasMonitor:
         """Count agreement or contradiction for one part; unproven rests cannot confirm: they agree with much that is wrong."""
         if not receipt.accepted:
             # One stretch of bounded motion counts as many seconds.
-            self._contradictions[part] += self.knobs.contradictions if receipt.kind.startswith("bounded") else 1
-            self._refused[part] = float(np.max(np.abs(receipt.innovation))), receipt.kind
-            self._agreed.discard(part)
+            self.contradictions[part] += CONTRADICTIONS if receipt.kind.startswith("bounded") else 1
+            self.refused[part] = float(np.max(np.abs(receipt.innovation))), receipt.kind
+            self.agreed.discard(part)
         elif receipt.reason != UNPROVEN:
-            self._contradictions[part] = 0
+            self.contradictions[part] = 0
             if receipt.reason != INSISTED:
-                self._agreed.add(part)
+                self.agreed.add(part)
 
     def news(self, age_s: float, *, gravity: bool) -> Sentences:
         """Reasons for a new doubt; empty when there is none or the bias is already doubted.
@@ -116,21 +87,21 @@ class BiasMonitor:
         contradicts the bias.
         """
         reason: Sentence | None = None
-        against = [self._refused[part] for part in _PARTS if self._contradictions[part] >= self.knobs.contradictions]
+        against = [self.refused[part] for part in _PARTS if self.contradictions[part] >= CONTRADICTIONS]
         if against:
             off, kind = max(against)
             code = Code.QUIET_CONTRADICTS_BIAS if kind.startswith("bounded") else Code.REST_CONTRADICTS_BIAS
             reason = code(rate_dps=f"{degrees(off):.2f}")
         elif gravity:
             reason = Code.GRAVITY_CONTRADICTS_BIAS()
-        elif self.consistency.inflation > self.knobs.inflation:
+        elif self.consistency.inflation > _INFLATION:
             reason = Code.RESTS_DISAGREE(times=f"{self.consistency.inflation:.1f}")
-        elif age_s > self.knobs.evidence_age_s:
+        elif age_s > EVIDENCE_AGE_S:
             reason = Code.NO_REST_FOR(minutes=f"{age_s / 60:.0f}")
         if reason is None or self.stands:
             return ()
         self.why = (reason,)
-        self._agreed.clear()
+        self.agreed.clear()
         return self.why
 
     def settled(self, age_s: float, *, sure: bool, gravity: bool) -> bool:
@@ -139,9 +110,9 @@ class BiasMonitor:
         Returns whether the doubt ended. age_s, gravity: as in `news`. sure: whether the bias' standard deviation is
         small enough.
         """
-        against = gravity or self.consistency.inflation > self.knobs.inflation
-        against = against or age_s > self.knobs.evidence_age_s  # unproven rests do not end the wait
-        if against or not sure or not self._agreed.issuperset(_PARTS):
+        against = gravity or self.consistency.inflation > _INFLATION
+        against = against or age_s > EVIDENCE_AGE_S  # unproven rests do not end the wait
+        if against or not sure or not self.agreed.issuperset(_PARTS):
             return False
         self.why = ()
         return True

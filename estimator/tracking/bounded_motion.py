@@ -10,38 +10,32 @@ from math import radians
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
 from estimator.kernels.zaru import upright
-from estimator.state import StateStruct, shaped
+from estimator.state import Floats, StateStruct, shaped
 from estimator.tracking.bias_filter import BiasFilter
 from estimator.tracking.bias_state import BIAS, SLOPE
 from estimator.tracking.evidence import GATES, Evidence, Receipt
 from estimator.tracking.seconds import Second
 from estimator.tracking.zaru import INSISTED
 
-Floats = NDArray[np.float64]
 VERTICAL = "bounded vertical"
 #: start, end, mean, its variance, the part of the variance common to all, temperature
 _Kept = tuple[float, float, Floats, Floats, Floats, float]
 
 
-@dataclass(frozen=True, slots=True)
-class BoundedMotionKnobs:
-    """Limits of a stretch of bounded motion; stretch_s: its length, s."""
-
-    stretch_s: float = 30.0
-    #: rad; a body that swings farther is moving
-    swing: float = radians(10.0)
-    #: rad, least standard deviation between the ends: smaller motion does not show in the readings
-    least_way: float = radians(0.2)
-    #: crossings of the mean per stretch; with fewer the body may be leaving as well as coming back
-    returns: float = 7.0
-    #: number of agreeing stretches in a row that overrule the bias: a bed's turns change from stretch to stretch
-    insist: int = 4
-    #: about the vertical, where no accelerometer helps and a bed may turn for minutes: NIS gate, and number of stretches
-    vertical_gate: float = 16.0
-    vertical_insist: int = 10
+#: s, length of a stretch
+_STRETCH_S = 30.0
+#: rad; a body that swings farther is moving
+_SWING = radians(10.0)
+#: rad, least standard deviation between the ends: smaller motion does not show in the readings
+_LEAST_WAY = radians(0.2)
+#: crossings of the mean per stretch; with fewer the body may be leaving as well as coming back
+_RETURNS = 7.0
+#: number of agreeing stretches in a row that overrule the bias: a bed's turns change from stretch to stretch
+INSIST = 4
+#: about the vertical, where no accelerometer helps and a bed may turn for minutes: NIS gate, and number of stretches
+_VERTICAL_GATE, VERTICAL_INSIST = 16.0, 10
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,36 +49,22 @@ class _Refused:
     celsius: float
 
 
-class BoundedMotionState(StateStruct):
-    """State of the bounded-motion evidence.
+class BoundedMotion(StateStruct):
+    """Bounded-motion evidence of the bias: quiet seconds in, receipts for each whole stretch out.
 
-    Seconds of the present stretch, and refused stretches by kind of evidence.
+    seconds: of the present stretch. refused: stretches by kind of evidence. Raises ValueError for wrong shapes.
     """
 
     seconds: list[_Kept] = msgspec.field(default_factory=list)
     refused: dict[str, _Refused] = msgspec.field(default_factory=dict)
 
-
-class BoundedMotion:
-    """Bounded-motion evidence of the bias: quiet seconds in, receipts for each whole stretch out."""
-
-    def __init__(self, knobs: BoundedMotionKnobs | None = None) -> None:
-        self.knobs = knobs or BoundedMotionKnobs()
-        self.state = BoundedMotionState()
-
-    def restore(self, state: BoundedMotionState) -> None:
-        """Restore a saved state. Raises ValueError when its arrays have wrong shapes."""
-        for _, _, *means, _ in state.seconds:
+    def __post_init__(self) -> None:
+        for _, _, *means, _ in self.seconds:
             for mean in means:
                 shaped(mean, 3)
-        for refused in state.refused.values():
+        for refused in self.refused.values():
             shaped(refused.said, 3)
             shaped(refused.cov, 3, 3)
-        self.state = state
-
-    def broken(self) -> None:
-        """Discard the seconds of the present stretch, because the device moves, rests or was not measured."""
-        self.state.seconds.clear()
 
     def take(self, second: Second, bias: BiasFilter, up: Floats | None = None) -> list[Receipt]:
         """Add the next second, to whose end the filter has been predicted; at the end of a stretch, update the filter.
@@ -92,22 +72,22 @@ class BoundedMotion:
         up (3,): direction of gravity's reading, None without an accelerometer. Returns the receipts of a complete
         stretch, else an empty list.
         """
-        self.state.seconds.append(
+        self.seconds.append(
             (second.start, second.end, second.mean, second.mean_var, second.common_var, bias.temperature_c)
         )
-        seconds = self.state.seconds[-1][1] - self.state.seconds[0][0]
-        if seconds < self.knobs.stretch_s:
+        seconds = self.seconds[-1][1] - self.seconds[0][0]
+        if seconds < _STRETCH_S:
             return []
         starts, ends, means, variances, commons, celsius = (
-            np.array(column) for column in zip(*self.state.seconds, strict=True)
+            np.array(column) for column in zip(*self.seconds, strict=True)
         )
-        self.state.seconds.clear()
+        self.seconds.clear()
         lasted = (ends - starts)[:, None]
         z = (means * lasted).sum(axis=0) / seconds
         colder = np.nan_to_num(celsius - bias.temperature_c)[:, None]
         swung = means - colder * bias.x[SLOPE]
         way = np.cumsum((swung - (swung * lasted).sum(axis=0) / seconds) * lasted, axis=0)
-        if np.any(np.abs(way) > self.knobs.swing):
+        if np.any(np.abs(way) > _SWING):
             return []
         common = commons.max(axis=0)
         noise = ((variances - commons) * lasted**2).sum(axis=0) / seconds**2 + common
@@ -119,7 +99,7 @@ class BoundedMotion:
         receipts = []
         for kind, axes in _parts(up):
             R = np.diag(self._ends_var(way @ axes.T) / seconds**2) + (axes * (noise + walk)) @ axes.T
-            gate = self.knobs.vertical_gate if kind == VERTICAL else GATES[len(axes)]
+            gate = _VERTICAL_GATE if kind == VERTICAL else GATES[len(axes)]
             receipts.append(self._judged(Evidence(kind, axes @ z, axes @ H, R, gate, axes**2 @ common), bias))
         return receipts
 
@@ -127,18 +107,18 @@ class BoundedMotion:
         """(m,) variance of the distance between begin and end of a way (n, m): twice its swing, more if it swings rarely."""
         swing = way - way.mean(axis=0)
         crossed = np.count_nonzero(np.diff(swing > 0, axis=0), axis=0)
-        doubt = 1 + (self.knobs.returns / np.maximum(crossed, 1)) ** 2
-        return np.asarray(np.maximum(2 * doubt * np.mean(swing**2, axis=0), self.knobs.least_way**2))
+        doubt = 1 + (_RETURNS / np.maximum(crossed, 1)) ** 2
+        return np.asarray(np.maximum(2 * doubt * np.mean(swing**2, axis=0), _LEAST_WAY**2))
 
     def _judged(self, evidence: Evidence, bias: BiasFilter) -> Receipt:
         """Update with the evidence, or refuse it until enough stretches agree."""
         kind, receipt = evidence.kind, bias.update(evidence)
-        before = self.state.refused.pop(kind, None)
+        before = self.refused.pop(kind, None)
         if receipt.accepted:
             return receipt
         refused = _against(before, evidence, receipt.innovation, bias)
-        if refused.count < (self.knobs.vertical_insist if kind == VERTICAL else self.knobs.insist):
-            self.state.refused[kind] = refused
+        if refused.count < (VERTICAL_INSIST if kind == VERTICAL else INSIST):
+            self.refused[kind] = refused
             return receipt
         bias.widen(float(np.mean(receipt.innovation**2)) * np.eye(3))
         bias.update(evidence)

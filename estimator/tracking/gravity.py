@@ -16,22 +16,20 @@ Source: bounded-velocity aiding as in inertial navigation, P. D. Groves, "Princi
 Integrated Navigation Systems", 2nd ed. (2013), ch. 15; spans from strapdown.py.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from math import exp
 
+import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
 from estimator.geometry.strapdown import Span
 from estimator.kernels.gravity import carried
 from estimator.kernels.strapdown import DRIFT, END, PUSH
-from estimator.state import StateStruct
+from estimator.state import Floats, StateStruct
 from estimator.tracking.bias_filter import BiasFilter, Step
 from estimator.tracking.bias_state import OWN, BiasState
 from estimator.tracking.evidence import Evidence, Receipt
-from estimator.tracking.steady_motion import SteadyMotion, SteadyMotionKnobs, SteadyMotionState
-
-Floats = NDArray[np.float64]
+from estimator.tracking.steady_motion import SteadyMotion
 
 G = 9.80665
 GRAVITY, VELOCITY, ACCEL_BIAS, MATRIX = (slice(OWN + i, OWN + j) for i, j in ((0, 3), (3, 6), (6, 9), (9, 18)))
@@ -49,8 +47,6 @@ class GravityKnobs:
     speed: float = 0.07
     speed_per_unrest: float = 2.0
     fastest: float = 0.7
-    #: for a wearer whose velocity lasts
-    lasting: SteadyMotionKnobs = field(default_factory=SteadyMotionKnobs)
     #: m/s, for a resting device
     resting_speed: float = 0.01
     #: NIS (3 degrees of freedom) above which a measured velocity gets less weight
@@ -73,21 +69,18 @@ class GravityKnobs:
 class GravityState(StateStruct):
     """State of the gravity evidence, beside the filter's own state.
 
-    known: whether g and v in the filter's state are current. lasting: state of the steady motion detector.
+    known: whether g and v in the filter's state are current. lasting: for a wearer whose velocity lasts.
     """
 
-    known: bool
-    lasting: SteadyMotionState
+    known: bool = False
+    lasting: SteadyMotion = msgspec.field(default_factory=SteadyMotion)
 
 
 class Gravity:
     """Gravity evidence for one bias filter: carries gravity and velocity over spans, and measures velocity as zero."""
 
-    def __init__(self, knobs: GravityKnobs) -> None:
-        self.knobs = knobs
-        #: whether g and v in the filter's state are current
-        self.known = False
-        self._lasting = SteadyMotion(knobs.lasting)
+    def __init__(self, knobs: GravityKnobs, state: GravityState | None = None) -> None:
+        self.knobs, self.state = knobs, state or GravityState()
         stays = knobs.resting_speed**2 * _ONE
         self._resting = Evidence("gravity", _NONE, _VELOCITY_SEEN, stays, knobs.doubt, soft=True)
 
@@ -105,19 +98,9 @@ class Gravity:
         self.lose()
         return replace(state, x=x, P=P)
 
-    @property
-    def state(self) -> GravityState:
-        """State to save for `restore`, beside the filter's state."""
-        return GravityState(self.known, self._lasting.state)
-
-    def restore(self, state: GravityState) -> None:
-        """Restore a saved state; the filter's state is restored separately."""
-        self.known, self._lasting.state = state.known, state.lasting
-
     def lose(self) -> None:
         """Mark gravity as unknown, because the motion was not measured."""
-        self.known = False
-        self._lasting.broken()
+        self.state.known, self.state.lasting.before = False, None
 
     def carry(
         self, span: Span, bias: BiasFilter, gyro_noise: float, unseen_turn: float = 0.0, unseen_push: float = 0.0
@@ -128,7 +111,7 @@ class Gravity:
         here.
         gyro_noise: white noise of the rates, rad/s per root Hz. unseen_turn, rad, unseen_push, m/s: see `Second`.
         """
-        if not self.known:
+        if not self.state.known:
             self._begin(span, bias)
         knobs, T = self.knobs, span.seconds
         kept = self._accel_kept(span)
@@ -146,7 +129,7 @@ class Gravity:
         # In axes of the end: mean = v - C^T (push - shift / T) + g T / 2. The effect of a wrong bias within the span is small.
         H = _VELOCITY_SEEN.copy()
         H[0, GRAVITY.start] = H[1, GRAVITY.start + 1] = H[2, GRAVITY.start + 2] = span.seconds / 2
-        R = self._lasting.factor * self._speed(span) ** 2 * _ONE
+        R = self.state.lasting.factor * self._speed(span) ** 2 * _ONE
         return Evidence("gravity", span.rows[DRIFT], H, R, self.knobs.doubt, soft=True)
 
     def heard(self, receipt: Receipt, span: Span, *, resting: bool) -> None:
@@ -156,9 +139,9 @@ class Gravity:
         detector's chain.
         """
         if resting or receipt.test_ratio > 1:
-            self._lasting.broken()
+            self.state.lasting.before = None
         else:
-            self._lasting.heard(receipt.innovation, self._speed(span) ** 2, span.rows[END], span.seconds)
+            self.state.lasting.heard(receipt.innovation, self._speed(span) ** 2, span.rows[END], span.seconds)
 
     def _speed(self, span: Span) -> float:
         return min(self.knobs.fastest, self.knobs.speed + self.knobs.speed_per_unrest * span.unrest)
@@ -185,4 +168,4 @@ class Gravity:
         P[GRAVITY, GRAVITY] = tilt**2 * (np.eye(3) - along) + self.knobs.strength**2 * along
         P[VELOCITY, VELOCITY] = speed**2 * np.eye(3)
         bias.extend(replace(bias.state, x=x, P=P))
-        self.known = True
+        self.state.known = True

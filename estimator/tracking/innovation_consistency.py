@@ -23,49 +23,40 @@ _CAP = 25.0
 _FREEDOMS = range(1, 4)
 
 
-class ConsistencyState(StateStruct):
-    """Latest receipts, at most WINDOW: NIS, degrees of freedom, and mean normalised innovation (`signs`) of each."""
+class InnovationConsistency(StateStruct, dict=True):
+    """Consistency check: receipts in; factor by which standard deviations are to be enlarged out.
+
+    Latest receipts, at most WINDOW: NIS, degrees of freedom, and mean normalised innovation (`signs`) of each. Raises
+    ValueError when the lists do not match.
+    """
 
     nis: list[float] = msgspec.field(default_factory=list)
     freedoms: list[int] = msgspec.field(default_factory=list)
     signs: list[float] = msgspec.field(default_factory=list)
 
-
-class InnovationConsistency:
-    """Consistency check: receipts in; factor by which standard deviations are to be enlarged out."""
-
-    def __init__(self) -> None:
-        self.restore(ConsistencyState())
-
-    def restore(self, state: ConsistencyState) -> None:
-        """Restore a saved state. Raises ValueError when its lists do not match."""
-        together = len(state.nis) == len(state.freedoms) == len(state.signs) <= WINDOW
-        if not together or not all(freedom in _FREEDOMS for freedom in state.freedoms):
+    def __post_init__(self) -> None:
+        together = len(self.nis) == len(self.freedoms) == len(self.signs) <= WINDOW
+        if not together or not all(freedom in _FREEDOMS for freedom in self.freedoms):
             raise ValueError("damaged state: receipts do not go together")
-        self.state = state
         #: cached factor; None when a receipt has come since
-        self._inflation: float | None = None if state.nis else 1.0
+        self._inflation: float | None = None if self.nis else 1.0
         self._mean = float("nan")
 
     def take(self, receipt: Receipt) -> None:
         """Add the receipt of a measurement at rest; a receipt whose NIS is not finite is ignored."""
-        n, state = len(receipt.innovation), self.state
+        n = len(receipt.innovation)
         if isfinite(receipt.nis):
             self._inflation = None
             total = 0.0
             for off, var in zip(receipt.innovation.tolist(), receipt.innovation_cov.diagonal().tolist(), strict=True):
                 total += off / sqrt(var)
-            state.nis.append(min(receipt.nis, _CAP * n))
-            state.freedoms.append(n)
-            state.signs.append(total / n)
-            del state.nis[:-WINDOW], state.freedoms[:-WINDOW], state.signs[:-WINDOW]
-
-    def forget(self) -> None:
-        """Discard all receipts, because the cause of their innovations has been found."""
-        self.restore(ConsistencyState())
+            self.nis.append(min(receipt.nis, _CAP * n))
+            self.freedoms.append(n)
+            self.signs.append(total / n)
+            del self.nis[:-WINDOW], self.freedoms[:-WINDOW], self.signs[:-WINDOW]
 
     @property
-    def nis(self) -> float:
+    def mean_nis(self) -> float:
         """Mean NIS per degree of freedom: 1 for a consistent filter, NaN without receipts."""
         if self._inflation is None:
             self._inflation = self._inflated()
@@ -74,9 +65,9 @@ class InnovationConsistency:
     @property
     def whiteness(self) -> float:
         """Lag-one correlation of the innovations, -1 to 1: about 0 for a consistent filter, NaN before ten receipts."""
-        if len(self.state.signs) < 10:
+        if len(self.signs) < 10:
             return float("nan")
-        signs = self.state.signs
+        signs = self.signs
         alike, all_of_it = sum(map(mul, signs[1:], signs)), sum(map(mul, signs, signs))
         return alike / all_of_it if all_of_it > 0.0 else 0.0
 
@@ -88,14 +79,14 @@ class InnovationConsistency:
         return self._inflation
 
     def _inflated(self) -> float:
-        freedom = sum(self.state.freedoms)
-        self._mean = nis = sum(self.state.nis) / freedom
+        freedom = sum(self.freedoms)
+        self._mean = nis = sum(self.nis) / freedom
         # An NIS below 1 counts: where noise is set too high, as for quiet seconds that may be no rest, the filter is better
         # than it claims, however correlated the remaining innovations are.
         large = nis if nis > _most(freedom) else min(1.0, nis)
         alike = self.whiteness
         # Correlation beyond chance: correlated innovations carry less information.
-        clinging = (1 + alike) / (1 - min(alike, 0.9)) if alike > _CHANCE / sqrt(len(self.state.signs)) else 1.0
+        clinging = (1 + alike) / (1 - min(alike, 0.9)) if alike > _CHANCE / sqrt(len(self.signs)) else 1.0
         return sqrt(max(1.0, large * clinging))
 
 

@@ -18,11 +18,9 @@ _LEAST = 5e-5
 def unseen(dt: Floats, reading: Floats, before: Floats) -> float:
     """Rms error of the integral of readings (n, k), each held for dt (n,) s, caused by lost samples.
 
-    before (k,): the reading before the first. Units: those of the readings times s. Holes longer than `SecondKnobs.gap_s`
+    before (k,): the reading before the first. Units: those of the readings times s. Holes longer than `seconds.GAP_S`
     make the second unusable instead.
     """
-    if float(dt.max()) * len(dt) <= HOLE * float(dt.sum()):
-        return 0.0
     usual = max(float(np.median(dt)), _LEAST)
     holes = dt > HOLE * usual
     lost_s = dt[holes] - usual

@@ -3,7 +3,6 @@
 A second with clipped or stuck readings, or with a gap, tells nothing of rotation.
 """
 
-from dataclasses import dataclass
 from math import radians
 from typing import NamedTuple
 
@@ -14,28 +13,19 @@ from estimator.geometry.gyro_model import COARSE_STEP
 from estimator.kernels import second_statistics as loop
 from estimator.kernels.second_cuts import cut, let_go, nothing_gathered
 from estimator.samples.sample_buffer import ACCEL, CELSIUS, GYRO, TIME
-from estimator.state import StateStruct, shaped
+from estimator.state import Floats, StateStruct, shaped
 from estimator.stillness.detector import Windows
 from estimator.tracking.sample_gaps import HOLE, unseen
 
-Floats = NDArray[np.float64]
 #: flaw of a second that shows movement
 CLIPPED = "clipped"
 #: rad/s, the coarsest resolution of a gyro; noise above it always shows in the readings
 _COARSEST = radians(2.0)
-
-
-@dataclass(frozen=True, slots=True)
-class SecondKnobs:
-    """Settings for cutting a stream; s."""
-
-    length_s: float = 1.0
-    #: least length of a second that ends early at a change between still and moving
-    least_s: float = 0.5
-    #: time for which the device must have been, and stay, still
-    settle_s: float = 0.4
-    #: a longer silence hides what happened in it
-    gap_s: float = 0.25
+#: s: length of a second; its least length where it ends early at a change between still and moving; and time for which the
+#: device must have been, and stay, still
+LENGTH_S, _LEAST_S, _SETTLE_S = 1.0, 0.5, 0.4
+#: s; a longer silence hides what happened in it
+GAP_S = 0.25
 
 
 class Second(NamedTuple):
@@ -96,9 +86,7 @@ class Seconds:
     The cuts depend on the samples alone, not on their batching.
     """
 
-    def __init__(self, knobs: SecondKnobs | None = None) -> None:
-        self.knobs = knobs or SecondKnobs()
-        self._numbers = (self.knobs.length_s, self.knobs.least_s, self.knobs.settle_s)
+    def __init__(self) -> None:
         self._state, self._waiting = nothing_gathered()
         self._parts: list[tuple[int, Floats]] = []  # samples of windows, with the number of each first one
         self._before: Floats | None = None  # the last sample before the second being gathered, (9,)
@@ -141,7 +129,9 @@ class Seconds:
         """Add the next windows; return the completed seconds, each with the index of its last window among these."""
         if not len(windows):
             return []
-        whole = cut(windows.found, windows.first, windows.begin, self._waiting, self._state, self._numbers)
+        whole = cut(
+            windows.found, windows.first, windows.begin, self._waiting, self._state, (LENGTH_S, _LEAST_S, _SETTLE_S)
+        )
         self._parts.append(windows.samples)
         found = []
         for window, begin, end, still, aided in whole.tolist():
@@ -177,7 +167,7 @@ class Seconds:
             # Differences between neighbouring readings: slow sway must not count as noise.
             self._noisy |= rows[loop.JITTER] > np.sqrt(2) * self._step
             self._all_noisy = bool(self._noisy.all())
-        flaw = CLIPPED if clips else "gap" if longest > self.knobs.gap_s else ""
+        flaw = CLIPPED if clips else "gap" if longest > GAP_S else ""
         if not flaw and not least_std > 1e-9 and self._stuck(rows[loop.HELD] == 1, noise_std):
             flaw = "stuck"
         end, unseen_turn, unseen_push = samples.item(-1, TIME), 0.0, 0.0

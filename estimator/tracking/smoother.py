@@ -7,12 +7,10 @@ from bisect import bisect_right
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimator.tracking.bias_filter import Step
-from estimator.tracking.bias_state import BIAS, OWN
+from estimator.tracking.bias_state import BIAS, OWN, Floats
 
-Floats = NDArray[np.float64]
 _NOTHING = np.zeros(OWN)
 _P, _F, _Q = slice(1, 1 + OWN), slice(1 + OWN, 1 + 2 * OWN), slice(1 + 2 * OWN, None)
 

@@ -13,32 +13,18 @@ Source: innovation correlation as a measure of R, R. K. Mehra, "On the identific
 filtering", IEEE Trans. Automatic Control 15 (1970); the coefficients from tests/bench/honesty.py and tests/bench/tracking.py.
 """
 
-from dataclasses import dataclass
+from estimator.state import Floats, StateStruct
 
-import numpy as np
-from numpy.typing import NDArray
-
-from estimator.state import StateStruct
-
-Floats = NDArray[np.float64]
-
-
-@dataclass(frozen=True, slots=True)
-class SteadyMotionKnobs:
-    """Averaging of the innovation correlation c, and how R grows with it."""
-
-    #: s of movement over which c is averaged
-    memory_s: float = 60.0
-    #: c of motion in one place; growth of R for each 1 of c above it; largest factor of R
-    bounded: float = 0.1
-    growth: float = 200.0
-    most: float = 160.0
-    #: limit of one second's contribution to c: a fall is no walk
-    one: float = 2.0
+#: s of movement over which c is averaged
+_MEMORY_S = 60.0
+#: c of motion in one place; growth of R for each 1 of c above it; largest factor of R
+_BOUNDED, _GROWTH, _MOST = 0.1, 200.0, 160.0
+#: limit of one second's contribution to c: a fall is no walk
+_ONE = 2.0
 
 
-class SteadyMotionState(StateStruct):
-    """State of the steady motion detector.
+class SteadyMotion(StateStruct):
+    """Steady motion detector: one velocity innovation per second of movement in; factor for its variance R out.
 
     shared: innovation correlation c. before: the previous innovation, m/s, or None.
     """
@@ -46,19 +32,10 @@ class SteadyMotionState(StateStruct):
     shared: float = 0.0
     before: tuple[float, float, float] | None = None
 
-
-class SteadyMotion:
-    """Steady motion detector: one velocity innovation per second of movement in; factor for its variance R out."""
-
-    def __init__(self, knobs: SteadyMotionKnobs | None = None) -> None:
-        self.knobs = knobs or SteadyMotionKnobs()
-        self.state = SteadyMotionState()
-
     @property
     def factor(self) -> float:
         """Factor, at least 1, by which R exceeds that of a velocity independent from second to second."""
-        knobs = self.knobs
-        return min(knobs.most, 1.0 + knobs.growth * max(0.0, self.state.shared - knobs.bounded))
+        return min(_MOST, 1.0 + _GROWTH * max(0.0, self.shared - _BOUNDED))
 
     def heard(self, innovation: Floats, var: float, end: Floats, seconds: float) -> None:
         """Add the velocity innovation (3,) m/s of a span, in axes at the span's end.
@@ -66,17 +43,12 @@ class SteadyMotion:
         var: variance of the measurement before `factor`, (m/s)². end (3, 3): attitude of the span's end in axes of its
         begin. seconds: length of the span.
         """
-        state, (a, b, c) = self.state, innovation.tolist()
-        if state.before is not None:
+        a, b, c = innovation.tolist()
+        if self.before is not None:
             # end' before · now: for three numbers plain Python is faster than NumPy.
             (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = end.tolist()
-            x, y, z = state.before
+            x, y, z = self.before
             along = a * (x * xx + y * yx + z * zx) + b * (x * xy + y * yy + z * zy) + c * (x * xz + y * yz + z * zz)
             shared = along / (3 * var)
-            one = self.knobs.one
-            state.shared += min(1.0, seconds / self.knobs.memory_s) * (max(-one, min(one, shared)) - state.shared)
-        state.before = a, b, c
-
-    def broken(self) -> None:
-        """Forget the previous innovation: the next one does not follow it directly."""
-        self.state.before = None
+            self.shared += min(1.0, seconds / _MEMORY_S) * (max(-_ONE, min(_ONE, shared)) - self.shared)
+        self.before = a, b, c

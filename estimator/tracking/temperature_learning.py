@@ -10,12 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
-from estimator.tracking.bias_state import BiasKnobs
+from estimator.tracking.bias_state import BiasKnobs, Floats
 from estimator.tracking.temperature_law import TemperatureLaw
-
-Floats = NDArray[np.float64]
 
 #: K, least temperature span of a boot used
 LEAST_SPAN_K = 2.0

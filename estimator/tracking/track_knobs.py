@@ -4,26 +4,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from estimator.tracking.accelerometer_check import AccelerometerKnobs
-from estimator.tracking.bias_monitor import BiasMonitorKnobs
 from estimator.tracking.bias_state import BiasKnobs
-from estimator.tracking.bounded_motion import BoundedMotionKnobs
 from estimator.tracking.gravity import GravityKnobs
-from estimator.tracking.seconds import SecondKnobs
-from estimator.tracking.thermometer import ThermometerKnobs
-from estimator.tracking.walk_rate import WalkKnobs
-from estimator.tracking.zaru_state import ZaruKnobs
-
-
-@dataclass(frozen=True, slots=True)
-class MatrixKnobs:
-    """When the matrix that gravity teaches while the device is worn becomes part of the correction."""
-
-    learn: bool = False
-    #: relative standard deviation that every scale factor must reach
-    scale_std: float = 0.01
-    #: share of the variance known before, summed over the matrix, that may be left
-    left: float = 0.8
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,12 +27,6 @@ class TrackKnobs:
     #: number of seconds kept for smoothing; None keeps all
     history: int | None = 256
     bias: BiasKnobs = field(default_factory=BiasKnobs)
-    seconds: SecondKnobs = field(default_factory=SecondKnobs)
-    zaru: ZaruKnobs = field(default_factory=ZaruKnobs)
     gravity: GravityKnobs = field(default_factory=GravityKnobs)
-    bounded: BoundedMotionKnobs = field(default_factory=BoundedMotionKnobs)
-    accelerometer: AccelerometerKnobs = field(default_factory=AccelerometerKnobs)
-    thermometer: ThermometerKnobs = field(default_factory=ThermometerKnobs)
-    doubt: BiasMonitorKnobs = field(default_factory=BiasMonitorKnobs)
-    walk: WalkKnobs = field(default_factory=WalkKnobs)
-    matrix: MatrixKnobs = field(default_factory=MatrixKnobs)
+    #: whether the matrix that gravity teaches while the device is worn becomes part of the correction
+    learn_matrix: bool = False

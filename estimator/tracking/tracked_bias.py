@@ -3,28 +3,29 @@
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bridge.reasons.codes import Sentences
 from estimator.geometry.gyro_model import GyroModel
-from estimator.state import StateStruct, shaped
-from estimator.tracking.accelerometer_check import AccelerometerCheck, AccelerometerState
+from estimator.state import Floats, StateStruct, shaped
+from estimator.tracking.accelerometer_check import SCALE_STD, AccelerometerCheck
 from estimator.tracking.bias_filter import BiasFilter, FilterState
-from estimator.tracking.bias_monitor import BiasMonitor, BiasMonitorState
+from estimator.tracking.bias_monitor import BiasMonitor
 from estimator.tracking.bias_state import BIAS, OWN, BiasState, start
-from estimator.tracking.bounded_motion import BoundedMotion, BoundedMotionState
+from estimator.tracking.bounded_motion import BoundedMotion
 from estimator.tracking.gravity import ACCEL_BIAS, MATRIX, SIZE, Gravity, GravityState
 from estimator.tracking.seconds import Seconds, SecondsState
 from estimator.tracking.smoother import History, Smoothed
 from estimator.tracking.temperature_law import TemperatureLaw
-from estimator.tracking.thermometer import Thermometer, ThermometerState
+from estimator.tracking.thermometer import AVERAGE_S, Thermometer
 from estimator.tracking.track_knobs import TrackKnobs
 from estimator.tracking.usual_bias import nearer
-from estimator.tracking.walk_rate import WalkRate, WalkState
+from estimator.tracking.walk_rate import WalkRate
 from estimator.tracking.zaru import Zaru
-from estimator.tracking.zaru_state import ZaruState
 
-Floats = NDArray[np.float64]
+#: relative standard deviation that every scale factor must reach before the matrix that gravity teaches comes into use
+_SCALE_STD = 0.01
+#: share of the variance known before, summed over the matrix, that may then be left
+_LEFT = 0.8
 
 
 class TrackerState(StateStruct):
@@ -39,17 +40,17 @@ class TrackerState(StateStruct):
     law: TemperatureLaw | None
     law_refuted: bool
     gravity: GravityState
-    zaru: ZaruState
-    bounded: BoundedMotionState
+    zaru: Zaru
+    bounded: BoundedMotion
     seconds: SecondsState
-    thermometer: ThermometerState
-    accelerometer: AccelerometerState
-    doubt: BiasMonitorState
+    thermometer: Thermometer
+    accelerometer: AccelerometerCheck
+    doubt: BiasMonitor
     evidenced: bool
     evidence_time: float
     gap: tuple[float, float] | None
     kept: BiasState | None
-    walk: WalkState
+    walk: WalkRate
     supposed: Floats | None
 
 
@@ -64,16 +65,12 @@ class TrackedBias:
         self, knobs: TrackKnobs, began: float, model: GyroModel, bias_std: Floats, law: TemperatureLaw | None = None
     ) -> None:
         self.knobs = knobs
-        self.seconds = Seconds(knobs.seconds)
-        self.thermometer = Thermometer(knobs.thermometer)
-        self.doubt = BiasMonitor(knobs.doubt)
-        self._history = History(knobs.history)
-        self._accelerometer = AccelerometerCheck(knobs.accelerometer)
+        self.seconds, self.thermometer, self.doubt = Seconds(), Thermometer(), BiasMonitor()
+        self._history, self._accelerometer, self._walk = History(knobs.history), AccelerometerCheck(), WalkRate()
         self._evidenced = False  # whether a rest of this boot is known
         self._began = self._evidence_time = began
         self._gap: tuple[float, float] | None = None  # begin and end of the gap in the evidence, s
         self.law = law
-        self._walk = WalkRate(knobs.bias, began, knobs.walk)
         #: whether this boot's bias contradicts the temperature law of earlier boots
         self.law_refuted = False
         self.supposed(model, bias_std, began)
@@ -85,7 +82,7 @@ class TrackedBias:
         self._filter = BiasFilter(replace(state, x=state.x[:OWN], P=state.P[:OWN, :OWN]), self.knobs.bias, self.law)
         self._filter.pace = self._walk.pace
         known = bool((state.std < self.knobs.bias_std).all())
-        self._zaru, self._bounded = Zaru(self.knobs.zaru, known=known), BoundedMotion(self.knobs.bounded)
+        self._zaru, self._bounded = Zaru(ever_proven=known), BoundedMotion()
         self._supposed: Floats | None = None  # (2, 3) prior mean and std of the bias, if only supposed
         self._kept: BiasState | None = None  # restored state, until the stream reaches the time it was saved at
 
@@ -96,17 +93,17 @@ class TrackedBias:
             self.law,
             self.law_refuted,
             self._gravity.state,
-            self._zaru.saved(),
-            self._bounded.state,
+            self._zaru,
+            self._bounded,
             self.seconds.state,
-            self.thermometer.state,
-            self._accelerometer.state,
-            self.doubt.state,
+            self.thermometer,
+            self._accelerometer,
+            self.doubt,
             self._evidenced,
             self._evidence_time,
             self._gap,
             self._kept,
-            self._walk.state,
+            self._walk,
             self._supposed,
         )
 
@@ -118,16 +115,12 @@ class TrackedBias:
         """
         self._model, self.law, self.law_refuted = model, saved.law, saved.law_refuted
         self._filter.resume(saved.filter, saved.law)
-        self._walk.restore(saved.walk)
-        self._filter.pace = self._walk.pace
+        self._walk, self._filter.pace = saved.walk, saved.walk.pace
         if len(self._filter.x) not in (OWN, SIZE):
             raise ValueError("damaged state: no state of a bias filter")
-        self._gravity.restore(saved.gravity)
-        self._zaru.restore(saved.zaru)
-        self._bounded.restore(saved.bounded)
+        self._gravity, self._zaru, self._bounded = Gravity(self.knobs.gravity, saved.gravity), saved.zaru, saved.bounded
         self.seconds.restore(saved.seconds, first, samples)
-        self.thermometer.state, self._accelerometer.state = saved.thermometer, saved.accelerometer
-        self.doubt.restore(saved.doubt)
+        self.thermometer, self._accelerometer, self.doubt = saved.thermometer, saved.accelerometer, saved.doubt
         self._evidenced, self._evidence_time, self._gap = saved.evidenced, saved.evidence_time, saved.gap
         self._kept, self._supposed = saved.kept, saved.supposed
         if saved.supposed is not None:
@@ -186,7 +179,7 @@ class TrackedBias:
         """What gravity has taught, (21,): relative change (9) of the matrix in use, row by row, and rms errors; None before.
 
         The errors are those of the changed matrix (9), relative, and of the accelerometer (3), m/s². The change is zero until
-        every scale factor is known to `MatrixKnobs.scale_std`.
+        every scale factor is known to 1 %.
         """
         if len(self._filter.x) == OWN:
             return None
@@ -198,7 +191,7 @@ class TrackedBias:
     @property
     def _scale_known(self) -> bool:
         scale_var = self._filter.cov.diagonal()[MATRIX][::4]
-        return bool(scale_var.max() < self.knobs.matrix.scale_std**2)
+        return bool(scale_var.max() < _SCALE_STD**2)
 
     @property
     def matrix(self) -> Floats:
@@ -209,16 +202,13 @@ class TrackedBias:
     def surer(self) -> bool:
         """Whether gravity has taught the matrix better than it was known before, so that it can come into use.
 
-        False where `MatrixKnobs.learn` is off, or where anything speaks against bias or accelerometer.
+        False where `TrackKnobs.learn_matrix` is off, or where anything speaks against bias or accelerometer.
         """
-        knobs = self.knobs.matrix
-        if not knobs.learn or len(self._filter.x) == OWN:
-            return False
-        if not self._scale_known:
+        if not self.knobs.learn_matrix or len(self._filter.x) == OWN or not self._scale_known:
             return False
         var, model = self._filter.cov.diagonal()[MATRIX], self._model
         known = float(np.square(model.scale_std).sum() + 2 * np.square(model.cross_std).sum())
-        if not float(var.sum()) < knobs.left * known:
+        if not float(var.sum()) < _LEFT * known:
             return False
         return self.sure and not self.doubt.stands and not self._accelerometer.contradicts
 
@@ -238,7 +228,7 @@ class TrackedBias:
     @property
     def events(self) -> dict[str, int]:
         """Faults found in the readings, as counts by name: `spike`, `accelerometer disbelieved`."""
-        disbelieved = {"accelerometer disbelieved": 1} if self._accelerometer.state.disbelieved else {}
+        disbelieved = {"accelerometer disbelieved": 1} if self._accelerometer.disbelieved else {}
         spikes = {"spike": self.seconds.spikes} if self.seconds.spikes else {}
         return {**spikes, **disbelieved}
 
@@ -285,11 +275,11 @@ class TrackedBias:
         temperature_c: the device's temperature now, °C, or None when unknown.
         """
         self._believe(model, state)
-        self._zaru.state.rested = False
+        self._zaru.rested = False
         self.doubt.anew()
         self._evidence_time = min(state.time, now)
         self._kept = replace(self._filter.state, lag_k=state.lag_k) if now < state.time else None
-        if 0 < now - state.time < self.knobs.thermometer.average_s:
+        if 0 < now - state.time < AVERAGE_S:
             self.thermometer.go_on(state.time, state.temperature_c)
         if temperature_c is not None:
             self.thermometer.go_on_with(now, temperature_c, state.lag_k)
@@ -299,15 +289,10 @@ class TrackedBias:
         else:  # the stream begins with older samples, from a bus's cache
             self._filter.look_back(self._kept, now, celsius)
 
-    def expect(self, law: TemperatureLaw) -> None:
-        """Use a temperature law from now on; its slope replaces the tracked one."""
+    def expect(self, law: TemperatureLaw, *, learnt: bool) -> None:
+        """Use a temperature law from now on; its slope replaces the tracked one, unless that was learnt under it."""
         self.law = law
-        self._filter.expect(law)
-
-    def follow(self, law: TemperatureLaw) -> None:
-        """Use a temperature law from now on, for a bias whose slope was learnt under it; the slope is kept."""
-        self.law = law
-        self._filter.follow(law)
+        self._filter.expect(law, learnt=learnt)
 
     def doubts(self, now: float) -> Sentences:
         """Reasons why the bias is doubted from device time `now`, s, on.
@@ -323,5 +308,4 @@ class TrackedBias:
 
     @property
     def _gravity_disagrees(self) -> bool:
-        against = self._accelerometer
-        return against.contradicts and float(self._model.scale_std.max()) < against.knobs.scale_std
+        return self._accelerometer.contradicts and float(self._model.scale_std.max()) < SCALE_STD

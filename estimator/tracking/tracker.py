@@ -4,20 +4,17 @@ from dataclasses import dataclass
 from math import sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 
-from estimator.geometry.gyro_model import GyroModel
+from estimator.geometry.gyro_model import Floats, GyroModel
 from estimator.geometry.strapdown import Span, sum_up
-from estimator.stillness.detector import Windows
 from estimator.tracking.bias_filter import Step
 from estimator.tracking.bias_state import BIAS, OWN, SLOPE, start
 from estimator.tracking.evidence import GATES, Evidence, Receipt
 from estimator.tracking.gravity import ACCEL_BIAS, GRAVITY, MATRIX
-from estimator.tracking.seconds import CLIPPED, Second
+from estimator.tracking.seconds import CLIPPED, LENGTH_S, Second
 from estimator.tracking.tracked_bias import TrackedBias
 from estimator.tracking.zaru import UNPROVEN
-
-Floats = NDArray[np.float64]
+from estimator.tracking.zaru_limits import QUASI_STATIC
 
 #: s, tolerance when the end of a restored state is compared with the start of a second
 _SAME_S = 1e-3
@@ -57,19 +54,12 @@ class Tracker(TrackedBias):
             # The rest is newer than the calibrated bias.
             self._filter.predict(rest.middle, self.thermometer.at(rest.middle))
             H = np.eye(3, OWN)
-            R = rest.cov + self.knobs.zaru.quasi_static**2 * np.eye(3)
+            R = rest.cov + QUASI_STATIC**2 * np.eye(3)
             self._filter.update(Evidence("zaru", rest.bias, H, R, GATES[3], rest.common_var))
         self._filter.predict(max(rest.end, before.time), self.thermometer.at(rest.end))
         self._evidence_time = rest.end
         self._gap, self._evidenced = None, True
         self.doubt.anew()
-
-    def take(self, windows: Windows) -> list[Receipt]:
-        """Learn from the next windows; returns the receipts of rests in the seconds that the windows complete."""
-        receipts = []
-        for _, second in self.seconds.take(windows):
-            receipts += self.learn(second)
-        return receipts
 
     def learn(self, second: Second) -> list[Receipt]:
         """Learn bias, temperature and gravity from the next second.
@@ -79,7 +69,7 @@ class Tracker(TrackedBias):
         self.thermometer.read(second.end, second.celsius)
         receipts = self._second(second)
         if heard := [*self._zaru.judged(), *receipts]:
-            self.doubt.take(heard, self._zaru.surprises(), rested=self._zaru.state.rested)
+            self.doubt.take(heard, self._zaru.surprises(), rested=self._zaru.rested)
         return heard
 
     def _second(self, second: Second) -> list[Receipt]:
@@ -132,18 +122,18 @@ class Tracker(TrackedBias):
             self._zaru.moved(self._filter)
         else:
             self._zaru.unseen(self._filter, max(0.0, seconds))
-        self._bounded.broken()
+        self._bounded.seconds.clear()
 
     def _without_accelerometer(self) -> None:
         """Continue with the gyro alone; a disbelieved accelerometer may have misled the bias by an unknown amount."""
         self._gravity.lose()
-        if self._accelerometer.state.disbelieved and len(self._filter.x) > OWN:
+        if self._accelerometer.disbelieved and len(self._filter.x) > OWN:
             state, doubt = self._filter.state, self.knobs.bias_std**2 * np.eye(3)
             self._believe(self._model, state)
             self._filter.widen(doubt)
             # The smoothed past is misled too, back to the last accepted rest.
             now = self._filter.time
-            since = min(self._evidence_time, now - self.knobs.seconds.length_s)
+            since = min(self._evidence_time, now - LENGTH_S)
             self._history.doubt(doubt, since if self._evidenced else -np.inf, now)
 
     def _carried(self, second: Second) -> tuple[Span | None, Step | None]:
@@ -169,9 +159,9 @@ class Tracker(TrackedBias):
         if span is not None:
             gravity, up = self._gravity.evidence(span, resting=resting), self._filter.x[GRAVITY]
         if resting:
-            self._bounded.broken()
+            self._bounded.seconds.clear()
             receipts, said = self._zaru.take(second, self._filter, up, gravity)
-            if self._zaru.state.proven and all(receipt.accepted for receipt in receipts):
+            if self._zaru.proven and all(receipt.accepted for receipt in receipts):
                 self._learn_walk(second)
         else:
             receipts, said = [], None if gravity is None else self._filter.update(gravity)
@@ -180,13 +170,12 @@ class Tracker(TrackedBias):
                 receipts = self._bounded.take(second, self._filter, None if span is None else self._filter.x[GRAVITY])
             else:
                 self._zaru.moved(self._filter)
-                self._bounded.broken()
+                self._bounded.seconds.clear()
         if said is not None and span is not None:
             self._gravity.heard(said, span, resting=resting)
             self._accelerometer.heard(said)
         return receipts
 
     def _learn_walk(self, second: Second) -> None:
-        now = self._filter
-        self._walk.take(second, now.temperature_c, now.x[SLOPE], now.cov.diagonal()[SLOPE])
-        now.pace = self._walk.pace
+        if self._walk.take(second, self._filter.state, self.knobs.bias, self._began):
+            self._filter.pace = self._walk.pace

@@ -6,11 +6,9 @@ under the usual prior, unless the evidence contradicts that; its covariance stay
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
-from estimator.tracking.evidence import GATES
+from estimator.tracking.evidence import GATES, Floats
 
-Floats = NDArray[np.float64]
 #: relative variance below which the prior has no say any more
 _KNOWN = 1e-3
 

@@ -7,117 +7,91 @@ Source: multiple-model estimation, D. T. Magill, "Optimal adaptive estimation of
 IEEE Trans. Automatic Control 10 (1965).
 """
 
-from dataclasses import dataclass
 from math import isnan, radians
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
-from estimator.state import StateStruct, shaped
-from estimator.tracking.bias_state import BiasKnobs
+from estimator.state import Floats, StateStruct, shaped
+from estimator.tracking.bias_state import SLOPE, BiasKnobs, BiasState
 from estimator.tracking.seconds import Second
-
-Floats = NDArray[np.float64]
 
 #: s, tolerance when the end of a second is compared with the start of the next
 _SAME_S = 1e-3
+#: hypotheses: squared factors of the model's rate random walk, and their prior log weights
+_FACTORS, _PRIOR = np.array([0.5, 1.0, 2.0, 4.0, 8.0]) ** 2, np.log([3.0, 8.0, 4.0, 1.5, 0.5])
+#: seconds of rest in a row whose mean is one measurement
+_BLOCK = 5
+#: rad/s, error of such a mean beside its noise
+_FLOOR = radians(0.001)
+#: largest squared innovation in units of its variance: a jump is no walk
+_MOST = 12.0
+#: share of what was learnt that each measurement leaves
+_KEPT = 0.99
+_N = len(_FACTORS)
 
 
-@dataclass(frozen=True, slots=True)
-class WalkKnobs:
-    """Hypotheses about how fast the bias walks, and how rests are measured to tell between them."""
+class WalkRate(StateStruct):
+    """Bank of h random walks of one boot: rests in; out `pace`, the factor of the walk's variance.
 
-    #: factors of the model's rate random walk, and their prior weights
-    factors: tuple[float, ...] = (0.5, 1.0, 2.0, 4.0, 8.0)
-    weights: tuple[float, ...] = (3.0, 8.0, 4.0, 1.5, 0.5)
-    #: seconds of rest in a row whose mean is one measurement
-    block: int = 5
-    #: rad/s, error of such a mean beside its noise
-    floor: float = radians(0.001)
-    #: largest squared innovation in units of its variance: a jump is no walk
-    most: float = 12.0
-    #: share of what was learnt that each measurement leaves
-    kept: float = 0.99
-
-
-class WalkState(StateStruct):
-    """State of the bank of h walks: told (h,) log-likelihoods; x (h, 3) rad/s, P (h, 3) (rad/s)² means and variances.
-
-    time, s, and celsius, °C: of the last measurement. block: seconds of the next one so far, as (end, mean, variance,
-    °C).
+    told (h,) log-likelihoods; x (h, 3) rad/s, P (h, 3) (rad/s)² means and variances. time, s, and celsius, °C: of the last
+    measurement. block: seconds of the next one so far, as (end, mean, variance, °C). Raises ValueError for wrong shapes.
     """
 
-    told: Floats
-    x: Floats
-    P: Floats
+    told: Floats = msgspec.field(default_factory=lambda: np.zeros(_N))
+    x: Floats = msgspec.field(default_factory=lambda: np.zeros((_N, 3)))
+    P: Floats = msgspec.field(default_factory=lambda: np.zeros((_N, 3)))
     time: float = float("nan")
     celsius: float = float("nan")
     block: list[tuple[float, Floats, Floats, float]] = msgspec.field(default_factory=list)
 
-
-class WalkRate:
-    """Bank of random walks of one boot: rests in; out `pace`, the factor of the walk's variance.
-
-    powered: device time of the power-up, s; -inf when unknown, and then nothing warms up.
-    """
-
-    def __init__(self, bias: BiasKnobs, powered: float, knobs: WalkKnobs | None = None) -> None:
-        self.knobs, self._bias, self._powered = knobs or WalkKnobs(), bias, powered
-        self._prior, self._factors = np.log(self.knobs.weights), np.array(self.knobs.factors) ** 2
-        n = len(self._factors)
-        self.state = WalkState(np.zeros(n), np.zeros((n, 3)), np.zeros((n, 3)))
-        self.pace = self._weighed()
-
-    def restore(self, state: WalkState) -> None:
-        """Restore a saved state. Raises ValueError when it is damaged."""
-        n = len(self._factors)
-        shaped(state.told, n, finite=True)
-        shaped(state.x, n, 3, finite=True)
-        shaped(state.P, n, 3, finite=True)
-        for _, mean, var, _ in state.block:
+    def __post_init__(self) -> None:
+        shaped(self.told, _N, finite=True)
+        shaped(self.x, _N, 3, finite=True)
+        shaped(self.P, _N, 3, finite=True)
+        for _, mean, var, _ in self.block:
             shaped(mean, 3, finite=True)
             shaped(var, 3, finite=True)
-        self.state = state
-        self.pace = self._weighed()
 
-    def take(self, second: Second, celsius: float, slope: Floats, slope_var: Floats) -> None:
-        """Add a second of rest; after `WalkKnobs.block` of them in a row, `pace` is learnt from their mean.
+    def take(self, second: Second, bias: BiasState, knobs: BiasKnobs, powered: float) -> bool:
+        """Add a second of rest; after every five in a row, return that `pace` is learnt from their mean.
 
-        celsius: °C, NaN if unknown; slope (3,) rad/s/K of the bias by temperature, slope_var (3,) its variance.
+        bias: state of the bias filter at the end of the second; knobs: its settings. powered: device time of the power-up, s;
+        -inf when unknown, and then nothing warms up.
         """
-        block = self.state.block
+        block = self.block
         if block and second.start - block[-1][0] > _SAME_S:
             block.clear()
-        block.append((second.end, second.mean, second.mean_var, celsius))
+        block.append((second.end, second.mean, second.mean_var, bias.temperature_c))
         n = len(block)
-        if n < self.knobs.block:
-            return
+        if n < _BLOCK:
+            return False
         means, variances = (np.array(column) for column in list(zip(*block, strict=True))[1:3])
         # What breathing moves shows in the scatter.
-        R = np.maximum(variances.mean(axis=0), means.var(axis=0, ddof=1)) / n + self.knobs.floor**2
-        self._measured(block[n // 2][0], means.mean(axis=0), R, celsius, slope, slope_var)
+        R = np.maximum(variances.mean(axis=0), means.var(axis=0, ddof=1)) / n + _FLOOR**2
+        self._measured(block[n // 2][0], means.mean(axis=0), R, bias, knobs, powered)
         block.clear()
+        return True
 
-    def _measured(self, time: float, z: Floats, R: Floats, celsius: float, slope: Floats, slope_var: Floats) -> None:
-        state = self.state
-        dt, warmer = time - state.time, celsius - state.celsius
+    def _measured(self, time: float, z: Floats, R: Floats, bias: BiasState, knobs: BiasKnobs, powered: float) -> None:
+        dt, warmer = time - self.time, bias.temperature_c - self.celsius
         if dt > 0:
-            walked = self._bias.rate_random_walk**2 * dt * self._factors
+            walked = knobs.rate_random_walk**2 * dt * _FACTORS
             if isnan(warmer):
                 warmer = 0.0
-                walked += self._bias.warmed(state.time - self._powered, dt)
-            P = state.P + walked[:, None] + warmer**2 * slope_var
-            S, off = P + R, z - state.x - warmer * slope
-            told = -0.5 * (np.log(S) + np.minimum(off**2 / S, self.knobs.most)).sum(axis=1)
-            state.told = self.knobs.kept * state.told + (told - told.max())
-            state.x, state.P = z - (1 - P / S) * off, P * (1 - P / S)
-            self.pace = self._weighed()
+                walked += knobs.warmed(self.time - powered, dt)
+            P = self.P + walked[:, None] + warmer**2 * bias.P.diagonal()[SLOPE]
+            S, off = P + R, z - self.x - warmer * bias.x[SLOPE]
+            told = -0.5 * (np.log(S) + np.minimum(off**2 / S, _MOST)).sum(axis=1)
+            self.told = _KEPT * self.told + (told - told.max())
+            self.x, self.P = z - (1 - P / S) * off, P * (1 - P / S)
         else:  # the first one
-            state.x, state.P = np.tile(z, (len(state.x), 1)), np.tile(R, (len(state.x), 1))
-        state.time, state.celsius = time, celsius
+            self.x, self.P = np.tile(z, (_N, 1)), np.tile(R, (_N, 1))
+        self.time, self.celsius = time, bias.temperature_c
 
-    def _weighed(self) -> float:
-        logs = self._prior + self.state.told
+    @property
+    def pace(self) -> float:
+        """Factor of the variance of the bias's random walk in this boot."""
+        logs = _PRIOR + self.told
         likely = np.exp(logs - logs.max())
-        return float(np.exp(likely @ np.log(self._factors) / likely.sum()))
+        return float(np.exp(likely @ np.log(_FACTORS) / likely.sum()))

@@ -7,22 +7,20 @@ axis becomes horizontal.
 """
 
 from collections.abc import Iterable
-from math import ceil
+from math import ceil, inf
 
+import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
 from estimator.kernels.zaru import along, calm, together, upright
-from estimator.state import shaped
+from estimator.state import Floats, StateStruct, shaped
+from estimator.tracking import zaru_limits as limits
 from estimator.tracking.bias_filter import BiasFilter
 from estimator.tracking.bias_state import BIAS
 from estimator.tracking.evidence import GATES, Evidence, Receipt
 from estimator.tracking.gravity import GRAVITY
 from estimator.tracking.seconds import Second
 from estimator.tracking.tilt_check import TiltCheck
-from estimator.tracking.zaru_state import ZaruKnobs, ZaruState
-
-Floats = NDArray[np.float64]
 
 #: number of latest seconds whose means are compared
 _RECENT = 8
@@ -35,24 +33,39 @@ REFUSED_TILT, UNPROVEN = "it tilts", "quiet for a few seconds only"
 INSISTED, JUMPED = "insisted", "jumped"
 
 
-class Zaru:
-    """ZARU evidence: seconds of rest in, receipts out; updates one BiasFilter."""
+class Zaru(StateStruct):
+    """ZARU evidence: seconds of rest in, receipts out; updates one BiasFilter. Raises ValueError for a damaged state.
 
-    def __init__(self, knobs: ZaruKnobs | None = None, *, known: bool = False) -> None:
-        """known: whether the bias is known well enough to check a rest against it."""
-        self.knobs = knobs or ZaruKnobs()
-        self.tilt = TiltCheck(self.knobs.tilt)
-        self.state = ZaruState(self.tilt.state, ever_proven=known)
+    ever_proven: whether any second belonged to a proven rest, or the bias was known at the start.
+    means (k, 2, 3): mean and its variance of the latest quiet seconds. quiet: quiet seconds in a row; quiet_until: end of the
+    last, s. rests: seconds of rest in a row. gap_s: how long the device moved before this rest. proven: whether the latest
+    second belongs to a proven rest. rested: whether a rest was proven since a restart. blind: whether samples were missing,
+    and no rest was seen since. surprised: kinds of evidence already checked against the gap. in_question: variance,
+    (rad/s)², of a bias believed only for its insistence. waiting: measurements to be judged with the following ones.
+    contradiction: its begin, s, and z and R measured then. receipts_before, receipts_late: receipts not yet fetched, see
+    `surprises` and `judged`.
+    """
 
-    def saved(self) -> ZaruState:
-        """State to save for `restore`."""
-        self.state.tilt = self.tilt.state
-        return self.state
+    tilt: TiltCheck = msgspec.field(default_factory=TiltCheck)
+    ever_proven: bool = False
+    means: Floats = msgspec.field(default_factory=lambda: np.zeros((0, 2, 3)))
+    quiet: int = 0
+    quiet_until: float = inf
+    rests: int = 0
+    gap_s: float = 0.0
+    proven: bool = False
+    rested: bool = True
+    blind: bool = False
+    surprised: set[str] = msgspec.field(default_factory=lambda: {"zaru", "zaru level", "zaru vertical"})
+    in_question: float = 0.0
+    waiting: list[_Waiting] = msgspec.field(default_factory=list)
+    contradiction: tuple[float, Floats, Floats] | None = None
+    receipts_before: list[Receipt] = msgspec.field(default_factory=list)
+    receipts_late: list[Receipt] = msgspec.field(default_factory=list)
 
-    def restore(self, state: ZaruState) -> None:
-        """Restore a saved state. Raises ValueError when it is damaged."""
-        shaped(state.means, -1, 2, 3)
-        for evidence, *_ in state.waiting:
+    def __post_init__(self) -> None:
+        shaped(self.means, -1, 2, 3)
+        for evidence, *_ in self.waiting:
             m = len(evidence.z)
             if m not in GATES:
                 raise ValueError("damaged state: what waits is no measurement")
@@ -61,15 +74,14 @@ class Zaru:
             shaped(evidence.R, m, m, finite=True)
             if evidence.common_var is not None:
                 shaped(evidence.common_var, m)
-        if state.contradiction is not None:
-            _, z, R = state.contradiction
+        if self.contradiction is not None:
+            _, z, R = self.contradiction
             shaped(z, -1)
             shaped(R, len(z), len(z))
-        self.state, self.tilt.state = state, state.tilt
 
     def moved(self, bias: BiasFilter) -> None:
         """End the rest because the device moves: measurements that wait are judged now, open questions are dropped."""
-        self.state.in_question, self.state.contradiction, self.state.blind = 0.0, None, False
+        self.in_question, self.contradiction, self.blind = 0.0, None, False
         self._over(bias)
 
     def unseen(self, bias: BiasFilter, seconds: float) -> None:
@@ -78,61 +90,60 @@ class Zaru:
         The device may still rest, so questions and contradictions stay open.
         """
         self._lengthen(seconds)
-        self.state.blind = True
+        self.blind = True
         self._over(bias)
 
     def interrupted(self, bias: BiasFilter, seconds: float) -> None:
         """Note `seconds` in which the device was quiet but not at rest; measurements that wait are judged now."""
-        if self.state.blind:  # stillness is recognised only some time after a hole
+        if self.blind:  # stillness is recognised only some time after a hole
             self._lengthen(seconds)
         else:
-            self.state.contradiction = None
+            self.contradiction = None
         self._judge(bias)
 
     def _lengthen(self, seconds: float) -> None:
-        if self.state.contradiction is not None:
-            since, z, R = self.state.contradiction
-            self.state.contradiction = since + seconds, z, R
+        if self.contradiction is not None:
+            since, z, R = self.contradiction
+            self.contradiction = since + seconds, z, R
 
     def _over(self, bias: BiasFilter) -> None:
-        self.state.quiet = self.state.rests = 0
-        self.state.means = self.state.means[:0]
-        self.tilt.over()
+        self.quiet = self.rests = 0
+        self.means = self.means[:0]
+        self.tilt = TiltCheck()
         self._judge(bias)
 
     def _judge(self, bias: BiasFilter) -> None:
         """Judge the waiting measurements now, without the ones that would have followed."""
-        if self.state.waiting:
-            evidence, begun, ended, celsius = self.state.waiting.pop()
-            self.state.waiting.append((self._at_edge(evidence), begun, ended, celsius))
-        while self.state.waiting:
-            self.state.judged.append(self._late(bias))
+        if self.waiting:
+            evidence, begun, ended, celsius = self.waiting.pop()
+            self.waiting.append((self._at_edge(evidence), begun, ended, celsius))
+        while self.waiting:
+            self.receipts_late.append(self._late(bias))
 
     def judged(self) -> list[Receipt]:
         """Fetch the receipts of measurements that waited when their rest ended, once each."""
-        judged, self.state.judged = self.state.judged, []
-        return judged
+        receipts, self.receipts_late = self.receipts_late, []
+        return receipts
 
     def surprises(self) -> list[Receipt]:
         """Fetch, once each, the receipts of surprising measurements from before the bias was widened for them."""
-        surprises, self.state.surprises = self.state.surprises, []
-        return surprises
+        receipts, self.receipts_before = self.receipts_before, []
+        return receipts
 
     def at_rest(self, second: Second) -> bool:
         """Note a quiet second; returns whether it belongs to a rest, rather than breathing or swaying."""
-        knobs = self.knobs
-        self.state.quiet += 1
+        self.quiet += 1
         latest = np.array([[second.mean, second.mean_var]])
-        self.state.means = np.concatenate([self.state.means[1 - _RECENT :], latest])
-        quiet = calm(self.state.means, knobs.quasi_static**2, knobs.scatter)
+        self.means = np.concatenate([self.means[1 - _RECENT :], latest])
+        quiet = calm(self.means, limits.QUASI_STATIC**2, limits.SCATTER)
         if self.tilt.watch(second):
-            self.state.waiting.clear()
-        if second.start - self.state.quiet_until >= knobs.gap_s:
-            self.state.gap_s, self.state.surprised = second.start - self.state.quiet_until, set()
-        self.state.quiet_until = second.end
+            self.waiting.clear()
+        if second.start - self.quiet_until >= limits.GAP_S:
+            self.gap_s, self.surprised = second.start - self.quiet_until, set()
+        self.quiet_until = second.end
         resting = second.still and quiet
-        self.state.rests = self.state.rests + 1 if resting else 0
-        self.state.blind = self.state.blind and not resting
+        self.rests = self.rests + 1 if resting else 0
+        self.blind = self.blind and not resting
         return resting
 
     def take(
@@ -144,27 +155,25 @@ class Zaru:
         with the horizontal parts of the rest. Returns receipts of the rest, and gravity's receipt if it was given.
         """
         # For a gyro alone a rest may be a slow passage of a movement, until it continues.
-        proven = self.state.proven = self.state.quiet >= self.knobs.proven_after and (
-            up is not None or self.state.rests > 1
-        )
-        self.state.ever_proven |= proven
-        self.state.rested |= proven
-        checked = up is not None and self.state.ever_proven
-        motion_var = self.knobs.quasi_static**2 if proven else self._unproven_var(second, checked=checked)
+        proven = self.proven = self.quiet >= limits.PROVEN_AFTER and (up is not None or self.rests > 1)
+        self.ever_proven |= proven
+        self.rested |= proven
+        checked = up is not None and self.ever_proven
+        motion_var = limits.QUASI_STATIC**2 if proven else self._unproven_var(second, checked=checked)
         var, said = second.mean_var + motion_var, None
-        if gravity is not None and (self.tilt.state.seen or self._begins(proven=proven)):
+        if gravity is not None and (self.tilt.seen or self._begins(proven=proven)):
             said, gravity, up = bias.update(gravity), None, bias.x[GRAVITY]
         if up is None or second.accel_mean is None:
             receipts = self._gated(_along("zaru", _AXES, second, var, GATES[3], bias), second, bias)
-        elif self.tilt.state.seen:
-            self.state.waiting.clear()
+        elif self.tilt.seen:
+            self.waiting.clear()
             z = second.mean - bias.x[BIAS]
-            self.state.contradiction = None
+            self.contradiction = None
             nothing = Receipt(bias.time, "zaru", z, np.diag(var), np.inf, accepted=False, reason=REFUSED_TILT)
             return [nothing], said
         else:
             axes = upright(up)
-            level, vertical = _split(_along("zaru", axes, second, var, GATES[2], bias), self.knobs.vertical_gate)
+            level, vertical = _split(_along("zaru", axes, second, var, GATES[2], bias), limits.VERTICAL_GATE)
             receipt, also = self._level(level, gravity, second, bias)
             said = said or also
             receipts = [receipt, *self._gated(vertical, second, bias)]
@@ -172,15 +181,15 @@ class Zaru:
 
     def _begins(self, *, proven: bool) -> bool:
         """Whether gravity's evidence is to be taken first: at the begin of a rest it may tell more than within it."""
-        return self.state.rests == 1 or (proven and "zaru level" not in self.state.surprised)
+        return self.rests == 1 or (proven and "zaru level" not in self.surprised)
 
     def _unproven_var(self, second: Second, *, checked: bool) -> Floats | float:
         """(3,) variance of possible motion in an unproven rest; a rate changing within the second adds to it."""
         if not checked:
-            return self.knobs.unproven_at_most**2
+            return limits.UNPROVEN_AT_MOST**2
         half = second.samples // 2
         change = second.gyro[half:].mean(axis=0) - second.gyro[:half].mean(axis=0)
-        return np.asarray(self.knobs.unproven**2 + change**2 / 4)
+        return np.asarray(limits.UNPROVEN**2 + change**2 / 4)
 
     def _level(
         self, evidence: Evidence, gravity: Evidence | None, second: Second, bias: BiasFilter
@@ -198,40 +207,40 @@ class Zaru:
     def _gated(self, evidence: Evidence, second: Second, bias: BiasFilter) -> list[Receipt]:
         """Update with unchecked parts: they must pass the gate, averaged over seconds if noisy, or insist."""
         self._adapt(evidence, bias)
-        if self.state.waiting and len(self.state.waiting[0][0].z) != len(evidence.z):
-            self.state.waiting.clear()  # the accelerometer appeared or vanished
+        if self.waiting and len(self.waiting[0][0].z) != len(evidence.z):
+            self.waiting.clear()  # the accelerometer appeared or vanished
         evidence = self._questioned(evidence)
-        self.state.waiting.append((evidence, second.start, second.end, bias.temperature_c))
-        weighed = bias.weigh(_mean(evidence, self.state.waiting) if len(self.state.waiting) > 1 else evidence)
+        self.waiting.append((evidence, second.start, second.end, bias.temperature_c))
+        weighed = bias.weigh(_mean(evidence, self.waiting) if len(self.waiting) > 1 else evidence)
         if weighed.accepted:
-            self.state.contradiction = None
-            ready = len(self.state.waiting) + 1 - ceil(self._waits(evidence, weighed))
+            self.contradiction = None
+            ready = len(self.waiting) + 1 - ceil(self._waits(evidence, weighed))
             return [self._late(bias) for _ in range(ready)]
-        begun = self.state.waiting[0][1]
-        self.state.waiting.clear()
+        begun = self.waiting[0][1]
+        self.waiting.clear()
         if not self._insisted(weighed.time, begun, evidence.z, evidence.R, bias):
             return [weighed]
-        self.state.contradiction = None
+        self.contradiction = None
         # The device may still turn: this variance remains until it has moved and rests again.
-        self.state.in_question = float(np.mean(weighed.innovation**2)) / 4
+        self.in_question = float(np.mean(weighed.innovation**2)) / 4
         return [self._believed(weighed, self._questioned(evidence), bias, INSISTED)]
 
     def _at_edge(self, evidence: Evidence) -> Evidence:
         if evidence.kind != "zaru":
             return evidence  # measured with an accelerometer
-        return evidence._replace(R=evidence.R + self.knobs.edge**2 * np.eye(len(evidence.R)))
+        return evidence._replace(R=evidence.R + limits.EDGE**2 * np.eye(len(evidence.R)))
 
     def _questioned(self, evidence: Evidence) -> Evidence:
-        if not self.state.in_question:
+        if not self.in_question:
             return evidence
         common = np.zeros(len(evidence.z)) if evidence.common_var is None else evidence.common_var
-        return evidence._replace(common_var=np.maximum(common, self.state.in_question))
+        return evidence._replace(common_var=np.maximum(common, self.in_question))
 
     def _late(self, bias: BiasFilter) -> Receipt:
         """Update with the measurement that has waited longest, corrected for the walk since then."""
-        evidence, _, end, celsius = self.state.waiting.pop(0)
+        evidence, _, end, celsius = self.waiting.pop(0)
         receipt = bias.update_late(evidence, end, celsius)
-        unproven = min(evidence.R.diagonal().tolist()) >= self.knobs.unproven**2
+        unproven = min(evidence.R.diagonal().tolist()) >= limits.UNPROVEN**2
         return receipt._replace(reason=receipt.reason or UNPROVEN) if unproven else receipt
 
     def _waits(self, evidence: Evidence, weighed: Receipt) -> float:
@@ -240,11 +249,11 @@ class Zaru:
         Otherwise at least 2: the latest second always waits, it may be the last of its rest.
         """
         own, seen = evidence.R.diagonal().tolist(), weighed.innovation_cov.diagonal().tolist()
-        most, waiting = float(max(own)), len(self.state.waiting)
+        most, waiting = float(max(own)), len(self.waiting)
         for var, R in zip(seen, own, strict=True):
             if var - R / waiting > most:
                 return 1
-        return min(self.knobs.longest_wait_s, max(2.0, most / self.knobs.certain**2))
+        return min(limits.LONGEST_WAIT_S, max(2.0, most / limits.CERTAIN**2))
 
     def _believed(self, refused: Receipt, evidence: Evidence, bias: BiasFilter, reason: str) -> Receipt:
         """Accept a refused measurement: widen the bias by its innovation, then update."""
@@ -254,25 +263,25 @@ class Zaru:
 
     def _adapt(self, evidence: Evidence, bias: BiasFilter) -> None:
         """Widen all axes when the first rest after a gap is surprising: the bias walked faster than expected, in bounds."""
-        if evidence.kind in self.state.surprised or not self.state.proven:
+        if evidence.kind in self.surprised or not self.proven:
             return
-        self.state.surprised.add(evidence.kind)
+        self.surprised.add(evidence.kind)
         weighed = bias.weigh(evidence)
         if _SURPRISE[len(evidence.z)] < weighed.nis < np.inf:
-            self.state.surprises.append(weighed)
-            most = (self.knobs.hurry * bias.knobs.rate_random_walk) ** 2 * self.state.gap_s
+            self.receipts_before.append(weighed)
+            most = (limits.HURRY * bias.knobs.rate_random_walk) ** 2 * self.gap_s
             bias.widen(min(float(np.mean(weighed.innovation**2)), most) * np.eye(3))
 
     def _checked(self, second: Second, innovation: Floats) -> bool:
         """Whether a turn at the rate of the innovation would have tilted gravity visibly by now."""
-        if self.state.rests < self.knobs.sure_rests:
+        if self.rests < limits.SURE_RESTS:
             return False
         return self.tilt.would_show(float(np.linalg.norm(innovation)), second)
 
     def _insisted(self, now: float, start: float, z: Floats, R: Floats, bias: BiasFilter) -> bool:
-        if self.state.contradiction is None or not self._same(*self.state.contradiction, now, z, R, bias):
-            self.state.contradiction = start, z, R
-        return now - self.state.contradiction[0] >= self.knobs.insist_s
+        if self.contradiction is None or not self._same(*self.contradiction, now, z, R, bias):
+            self.contradiction = start, z, R
+        return now - self.contradiction[0] >= limits.INSIST_S
 
     def _same(self, since: float, z0: Floats, R0: Floats, now: float, z: Floats, R: Floats, bias: BiasFilter) -> bool:
         if len(z0) != len(z):

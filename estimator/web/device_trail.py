@@ -9,14 +9,14 @@ from numpy.typing import NDArray
 from bridge.reasons.codes import Sentences
 from bridge.wire.messages import BiasRevision, Floats, Receipt, Status
 from estimator.device.lifecycle import NEVER_S
-from estimator.tracking.seconds import SecondKnobs
+from estimator.tracking.seconds import LENGTH_S
 
 #: most points kept; when full, every other point of the older half is dropped
 POINTS = 720
 #: rests no further apart than this merge into one, s; evidence no older than this is a rest that goes on
 REST_S = 3.0
 #: a rest began this long before its first evidence, s
-TAUGHT_S = SecondKnobs().length_s
+TAUGHT_S = LENGTH_S
 RESTS, MARKS, BOOTS, RECEIPTS = 120, 120, 50, 24
 #: a clock that goes back by more was reset or is another's; later points are then dropped
 BACK_NS = 5 * 10**9

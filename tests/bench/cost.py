@@ -26,7 +26,7 @@ from estimator.device.session import DeviceSession
 from estimator.geometry.gyro_model import PriorKnobs, uncalibrated
 from estimator.kernels.compiled import ready
 from estimator.orientation.attitude import Attitude
-from estimator.samples.sample_buffer import Samples
+from estimator.samples.sample_buffer import ACCEL, CELSIUS, GYRO, TIME, Samples
 from estimator.service.decode import decode
 from estimator.stillness.detector import Stillness
 from estimator.tracking.bias_filter import BiasFilter
@@ -35,6 +35,7 @@ from estimator.tracking.smoother import History
 from estimator.tracking.track_knobs import TrackKnobs
 from estimator.tracking.tracker import Tracker
 from tests.bench.load.stream import Fleet
+from tests.estimator.tracking.worn import learnt
 from tests.sim.day import Day, simulate_day
 
 Floats = NDArray[np.float64]
@@ -154,7 +155,8 @@ def memory() -> int:
         Tracker(TrackKnobs(), 0.0, uncalibrated(PriorKnobs()), np.full(3, np.radians(5.0))),
     )
     for start in range(0, len(rows), BATCH):
-        tracker.take(stillness.feed_rows(rows[start : start + BATCH]))
+        part = rows[start : start + BATCH]
+        list(learnt(tracker, stillness.feed(part[:, TIME], part[:, GYRO], part[:, ACCEL], celsius=part[:, CELSIUS])))
     after, _ = tracemalloc.get_traced_memory()
     return after - before
 

@@ -30,6 +30,7 @@ from estimator.stillness.detector import Stillness
 from estimator.tracking.bias_state import BiasKnobs
 from estimator.tracking.track_knobs import TrackKnobs
 from estimator.tracking.tracker import Tracker
+from tests.estimator.tracking.worn import learnt
 from tests.sim.day import Day, simulate_day, worn_spec
 from tests.sim.scenes import rests_and_motion, steady_walk, turned_by_hand, walk_with_pauses
 
@@ -165,8 +166,7 @@ def _lived(scene: Scene, seed: int, *, accel: bool, told: float) -> Score:
     last, force = 0.0, day.accel.astype(float) if accel else None
     nees, squared, within = [], [], []
     celsius = day.temperature_c if scene.step_k or scene.other else None
-    for windows in Stillness().feed(day.time_s, day.gyro.astype(float), force, celsius=celsius).each():
-        tracker.take(windows)
+    for _ in learnt(tracker, Stillness().feed(day.time_s, day.gyro.astype(float), force, celsius=celsius)):
         if tracker.time == last:
             continue
         last = tracker.time

@@ -13,7 +13,7 @@ from typing import NamedTuple
 from playwright.sync_api import Browser, expect, sync_playwright
 from rich.console import Console
 
-from estimator.calibration.stages import StageKnobs
+from estimator.calibration.stages import REST_S
 from estimator.demo.ward import Ward
 from tests.ward.hand import Hand, Table
 from tests.ward.test_dashboard import _open
@@ -61,7 +61,7 @@ def calibrated(browser: Browser, seed: int, *, half: str) -> Spent:
         expect(page.locator("#do")).to_have_text("Done: it is calibrated")
         context.close()
     rests = len(table.turned_s) + 1
-    return Spent(took_s, hand.read_s, sum(table.turned_s), rests * StageKnobs().rest_s)
+    return Spent(took_s, hand.read_s, sum(table.turned_s), rests * REST_S)
 
 
 def main() -> int:

@@ -112,7 +112,7 @@ def oracle(trial: broad.Trial, matrix: Floats, knobs: SessionKnobs) -> Found:
         trial.accel,
     )
     rows[:, 7] = 0.0
-    return Found(trial.bias, None, Attitude(knobs.orientation).take(rows, known).quat_wxyz)
+    return Found(trial.bias, None, Attitude().take(rows, known).quat_wxyz)
 
 
 def judge(found: Found, trial: broad.Trial) -> dict[str, float]:

@@ -17,6 +17,7 @@ from estimator.stillness.detector import Stillness
 from estimator.tracking.bias_state import BiasKnobs
 from estimator.tracking.track_knobs import TrackKnobs
 from estimator.tracking.tracker import Tracker as OurTracker
+from tests.estimator.tracking.worn import learnt
 
 Floats = NDArray[np.float64]
 
@@ -132,9 +133,7 @@ def ours(
         here = slice(start, start + _BLOCK)
         force = None if accel is None else accel[here]
         celsius = None if temperature_c is None else temperature_c[here]
-        for windows in stillness.feed(time[here], gyro[here], force, celsius=celsius).each():
-            ((_, now, _, _),) = windows.heads
-            tracker.take(windows)
+        for now, _ in learnt(tracker, stillness.feed(time[here], gyro[here], force, celsius=celsius)):
             if now - steps[-1] > 0.5:
                 found.append(tracker.bias)
                 stds.append(tracker.std)

@@ -10,7 +10,7 @@ from bridge.sim.calibration_session import simulate_session
 from bridge.sim.imu_errors import ImuSpec
 from bridge.sim.paper_sessions import PaperPlan
 from estimator.calibration import closure
-from estimator.calibration.capture import Capture, Samples
+from estimator.calibration.capture import Capture
 from estimator.calibration.closure import ClosureKnobs
 from estimator.calibration.methods import METHODS
 from estimator.calibration.replacement_error import Replacement
@@ -18,6 +18,7 @@ from estimator.calibration.result import Result
 from estimator.calibration.session import CalibrationSession
 from estimator.stillness.detector import Stillness
 from estimator.study import simulation
+from tests.estimator.calibration.sessions import fed
 
 Floats = NDArray[np.float64]
 N = 80
@@ -33,11 +34,9 @@ def captured(time: Floats, gyro: Floats, accel: Floats | None) -> Capture:
         captures.append(found)
         return METHODS["closure"](found)
 
-    session, stillness = CalibrationSession(), Stillness()
+    session = CalibrationSession()
     session._run = run
-    session.add(Samples(time, gyro, accel, np.zeros(len(time), bool)))
-    for window in stillness.feed(time, gyro, accel):
-        session.window(window)
+    fed(session, Stillness().feed(time, gyro, accel))
     return captures[0]
 
 

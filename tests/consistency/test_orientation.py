@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from estimator.geometry.gyro_model import Floats
 from estimator.orientation.attitude import Attitude
-from tests.estimator.orientation.test_attitude import KNOWN, Floats, Worn, inclination
+from tests.estimator.orientation.test_attitude import KNOWN, Worn, inclination
 
 SEEDS = range(40)
 

@@ -71,7 +71,7 @@ class Listener(threading.Thread):
 
     def _look_at_devices(self) -> None:
         for name, device in self._devices.items():
-            for boot, samples in device.all_sent.items():
+            for boot, samples in dict(device.sent).items():
                 known = self.history.sent[name, boot]
                 if not known or known[-1].samples < samples:
                     known.append(Sent(time.monotonic(), samples))
@@ -167,7 +167,7 @@ class Field:
     def truth(self, boot: Boot, first: int, last: int) -> TrueSamples:
         """What is true of samples, both included; LookupError for such as were never sent."""
         name, number = boot
-        return self.devices[name].truth_between(number, first, last)
+        return self.devices[name].truth.between(number, first, last)
 
     def complaints(self) -> list[str]:
         """What processes and store say of themselves, once all is over."""

@@ -108,8 +108,7 @@ def test_real_quantised_stillness_is_known_at_4_degrees_per_second(shared_data: 
     np.testing.assert_allclose(np.degrees(device.tracker.bias), np.degrees(recording.gyro.mean(axis=0)), atol=0.02)
     assert device.tracker.bias[0] > np.radians(4.5)
     assert device.tracker.state.time > ticks[-1] * 1e-6 - 2.5
-    assert device.tracker.doubt.last_receipt is not None
-    assert device.tracker.doubt.last_receipt.accepted
+    assert device.learnt.receipts[-1].accepted
 
 
 def test_rests_of_real_wear_track_the_bias(shared_data: Path) -> None:

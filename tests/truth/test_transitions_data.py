@@ -15,6 +15,7 @@ from estimator.calibration.transitions import estimate, fit
 from estimator.geometry.gyro_model import least_step
 from estimator.offline import recordings
 from estimator.stillness.detector import Stillness
+from tests.estimator.calibration.sessions import fed
 from tests.truth.hand_held import hand_held
 
 pytestmark = pytest.mark.data
@@ -23,10 +24,8 @@ FULL, DIAGONAL = TransitionKnobs(), TransitionKnobs(misalignment=1e-7)
 
 def transitions_of(path: Path) -> Transitions:
     recording = load(path)
-    stillness, session = Stillness(), CalibrationSession("transitions", whole=True)
-    session.add(Samples(recording.time_s, recording.gyro, recording.accel, np.zeros(len(recording), bool)))
-    for window in stillness.feed(recording.time_s, recording.gyro, recording.accel):
-        session.window(window)
+    session = CalibrationSession("transitions", whole=True)
+    fed(session, Stillness().feed(recording.time_s, recording.gyro, recording.accel))
     return collect(session.movements)
 
 

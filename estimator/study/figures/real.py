@@ -1,18 +1,16 @@
 """Figure of study `real`: what each method finds in a real session, beside imucal's numbers."""
 
-from pathlib import Path
-
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from estimator.figures.style import AXES, COLOURS, PAPER, save
+from estimator.figures.style import AXES, COLOURS, PAPER
 from estimator.study.real import WORDS, Real
 
 
-def real(found: Real, stem: Path) -> None:
-    """Draw scale factors and closure errors of a real session by every method; writes stem.svg, .pdf and .png."""
+def real(found: Real) -> Figure:
+    """Draw scale factors and closure errors of a real session by every method."""
     rows = [row for row in found.rows if row.k is not None]
     figure = Figure(figsize=(12, 4.8))
     figure.suptitle(f"A real session ({found.recording}) through every method that applies", fontsize=13)
@@ -48,4 +46,4 @@ def real(found: Real, stem: Path) -> None:
                 alpha=0.7, label=f"closure by {WORDS[row.method]}") for row in closed),
     ]  # fmt: skip
     figure.legend(handles=handles, loc="outside lower center", ncols=3)
-    save(figure, stem)
+    return figure

@@ -1,18 +1,16 @@
 """Figure of the paper's tables 2 and 3: what each method finds for a sensor, beside the paper's values."""
 
-from pathlib import Path
-
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from estimator.figures.style import AXES, COLOURS, PAPER, save
+from estimator.figures.style import AXES, COLOURS, PAPER
 from estimator.study.sensors import Sensors
 from estimator.study.trials import METHODS, WORDS
 
 
-def sensor(found: Sensors, name: str, stem: Path) -> None:
-    """Draw the differences of k and b from the truth by method, for one sensor; writes stem.svg, .pdf and .png.
+def sensor(found: Sensors, name: str) -> Figure:
+    """Draw the differences of k and b from the truth by method, for one sensor.
 
     One column per axis with k, k enlarged, and b: median and 95 % of each method's sessions, beside the paper's values.
     """
@@ -44,7 +42,7 @@ def sensor(found: Sensors, name: str, stem: Path) -> None:
         Line2D([], [], color="black", linewidth=1, label="the paper's turntable column: the truth of the simulation"),
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=2)
-    save(figure, stem)
+    return figure
 
 
 def _differences(axes: Axes, found: Sensors, name: str, parameter: str, *, theirs: bool) -> None:

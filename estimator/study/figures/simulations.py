@@ -1,14 +1,13 @@
 """Box plots of the paper's simulation: errors of the parameters, and of the rate on a test set."""
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from estimator.figures.style import COLOURS, PAPER, save
+from estimator.figures.style import COLOURS, PAPER
 from estimator.study.errors import Errors
 from estimator.study.simulation import METHODS, PARAMETERS, WORDS
 from estimator.study.spread import Spread
@@ -17,8 +16,8 @@ from estimator.study.testset import AXES, BEFORE, Testset
 _SYMBOLS = {name: f"${name[0]}_{name[-1]}$" for name in PARAMETERS}
 
 
-def errors(found: Errors, stem: Path) -> None:
-    """Draw box plots of the errors of k and b, one row per noise; writes stem.svg, .pdf and .png.
+def errors(found: Errors) -> Figure:
+    """Draw box plots of the errors of k and b, one row per noise.
 
     All parameters on the scale of the paper's band, and the scale factors enlarged.
     """
@@ -56,14 +55,11 @@ def errors(found: Errors, stem: Path) -> None:
         Line2D([], [], color="black", linestyle=":", label="Cramér–Rao bound, ±1.96 standard deviations"),
     ]
     _legend(figure, handles)
-    save(figure, stem)
+    return figure
 
 
-def testset(found: Testset, stem: Path) -> None:
-    """Draw box plots of the test set's mean errors before and after calibration, a row per noise.
-
-    Writes stem.svg, .pdf, .png.
-    """
+def testset(found: Testset) -> Figure:
+    """Draw box plots of the test set's mean errors before and after calibration, a row per noise."""
     noises = list(dict.fromkeys(row.noise_dps for row in found.rows))
     figure = Figure(figsize=(9.5, 3.4 * len(noises) + 0.9))
     runs = found.rows[0].error.n
@@ -93,7 +89,7 @@ def testset(found: Testset, stem: Path) -> None:
     handles += [Patch(color=colour, alpha=0.6, label=WORDS[m]) for m, colour in zip(METHODS, COLOURS, strict=False)]
     line = Line2D([], [], color=PAPER, linestyle="--", label=f"paper: {100 * found.paper_left:g} % of before")
     _legend(figure, [*handles, line])
-    save(figure, stem)
+    return figure
 
 
 def _boxes(axes: Axes, at: Mapping[float, Spread], colour: str, width: float = 0.3) -> None:

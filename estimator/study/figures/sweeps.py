@@ -1,12 +1,11 @@
 """Figure of study `analysis`: error of the scale factor over the value of each cause."""
 
-from pathlib import Path
 from typing import Literal
 
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from estimator.figures.style import COLOURS, save
+from estimator.figures.style import COLOURS
 from estimator.study.analysis import Analysis
 from estimator.study.simulation import METHODS, WORDS
 
@@ -14,8 +13,8 @@ _DASHES: dict[str, Literal["-", "--"]] = {"mean": "-", "point": "--"}
 _MARKS = {"mean": "o", "point": "^"}
 
 
-def analysis(found: Analysis, stem: Path) -> None:
-    """Draw the rms error of k over the values of each cause, one panel per cause; writes stem.svg, .pdf and .png."""
+def analysis(found: Analysis) -> Figure:
+    """Draw the rms error of k over the values of each cause, one panel per cause."""
     columns = -(-len(found.factors) // 2)
     figure = Figure(figsize=(3.7 * columns, 7.6))
     base = found.base
@@ -55,4 +54,4 @@ def analysis(found: Analysis, stem: Path) -> None:
     ]
     handles.append(Line2D([], [], color="black", linestyle=":", linewidth=2, label="Cramér–Rao bound"))
     figure.legend(handles=handles, loc="outside lower center", ncols=3)
-    save(figure, stem)
+    return figure

@@ -1,12 +1,10 @@
 """Readings and rates over time: a simulated session, and machine turns before and after calibration."""
 
-from pathlib import Path
-
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from estimator.figures.style import AXES, COLOURS, PAPER, save
+from estimator.figures.style import AXES, COLOURS, PAPER
 from estimator.study.magnitude import Magnitude
 from estimator.study.orientation import IDEAL, Orientation
 from estimator.study.typical import Typical
@@ -17,11 +15,8 @@ _AFTER = {"turn360": (COLOURS[0], "by Algorithm 1"), "closure": (COLOURS[1], "by
           "paper": (PAPER, "by the paper's K and b")}  # fmt: skip
 
 
-def typical(found: Typical, stem: Path) -> None:
-    """Draw the readings of one session over time, °/s; found turns are shaded, simulated ends dashed.
-
-    Writes stem.svg, .pdf, .png.
-    """
+def typical(found: Typical) -> Figure:
+    """Draw the readings of one session over time, °/s; found turns are shaded, simulated ends dashed."""
     figure = Figure(figsize=(10, 4.6))
     axes = figure.subplots()
     for axis, reading in zip(AXES, found.reading_dps, strict=True):
@@ -46,13 +41,12 @@ def typical(found: Typical, stem: Path) -> None:
         Line2D([], [], color="black", linestyle="--", linewidth=0.8, label="turn begins or ends, as simulated"),
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=len(labels) + 2)
-    save(figure, stem)
+    return figure
 
 
-def magnitude(found: Magnitude, stem: Path) -> None:
+def magnitude(found: Magnitude) -> Figure:
     """Draw the magnitude of the rate in six machine turns, before and after calibration.
 
-    Writes stem.svg, .pdf and .png.
     One panel per sensor, with its turns one after the other.
     """
     figure = Figure(figsize=(10, 3.5 * len(found.traces) + 0.8))
@@ -78,11 +72,11 @@ def magnitude(found: Magnitude, stem: Path) -> None:
         Line2D([], [], color="black", linestyle="--", label="true rate"),
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=4)
-    save(figure, stem)
+    return figure
 
 
-def orientation(found: Orientation, stem: Path) -> None:
-    """Draw the angle over machine turns of 360° and back, before and after calibration; writes stem.svg, .pdf and .png.
+def orientation(found: Orientation) -> Figure:
+    """Draw the angle over machine turns of 360° and back, before and after calibration.
 
     One column per sensor: angles from readings, from calibrated rates, and the errors of the latter, degrees.
     """
@@ -125,4 +119,4 @@ def orientation(found: Orientation, stem: Path) -> None:
         *(Line2D([], [], color=colour, label=f"calibrated {words}") for colour, words in _AFTER.values()),
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=len(handles))
-    save(figure, stem)
+    return figure

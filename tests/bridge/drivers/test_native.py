@@ -162,7 +162,7 @@ def test_a_simulated_device_of_a_new_process_is_a_new_boot_of_the_same_sensor() 
     assert one.boot is not None
     assert two.boot is not None
     assert one.boot != two.boot
-    assert np.array_equal(one.truth_of(one.boot).matrix, two.truth_of(two.boot).matrix)
+    assert np.array_equal(one.truth.sensor(one.boot).matrix, two.truth.sensor(two.boot).matrix)
 
 
 def recording(time_s: list[float]) -> Recording:

@@ -6,11 +6,11 @@ from bridge.reasons.catalogue import english
 from bridge.sim.imu_errors import ImuSpec
 from bridge.sim.motion import Still
 from bridge.sim.motion_scripts import poses
-from estimator.calibration.capture import Capture, Floats, Samples, TurnCapture
+from estimator.calibration.capture import Capture, Floats, TurnCapture
 from estimator.calibration.gravity_propagation import COLUMN, ROW, Transitions, collect
 from estimator.calibration.session import CalibrationSession
 from estimator.calibration.session_events import Ignored, Progress, TurnFound
-from estimator.stillness.detector import Stillness
+from estimator.stillness.detector import Stillness, Windows
 from tests.estimator.stream import Stream, stream
 
 
@@ -19,19 +19,19 @@ def progress(of: Stream, *, accel: bool = True, clipped: slice | None = None) ->
     flags = np.zeros(len(of), bool)
     if clipped is not None:
         flags[clipped] = True
-    stillness, session = Stillness(), CalibrationSession()
-    samples = Samples(of.time, of.gyro, of.accel if accel else None, flags)
-    session.add(samples)
-    return [p for w in stillness.feed(samples.time, samples.gyro, samples.accel) for p in session.window(w)]
+    return fed(CalibrationSession(), Stillness().feed(of.time, of.gyro, of.accel if accel else None, flags))
+
+
+def fed(session: CalibrationSession, windows: Windows) -> list[Progress]:
+    """All that a session says of windows."""
+    session.take(windows.samples[1])
+    return [p for begun, ended, _, still in windows.heads for p in session.judge(begun, ended, still=still)]
 
 
 def movements(of: Stream) -> Transitions:
     """All movements of a stream that gravity can be carried through."""
-    stillness, session = Stillness(), CalibrationSession("transitions", whole=True)
-    samples = Samples(of.time, of.gyro, of.accel, np.zeros(len(of), bool))
-    session.add(samples)
-    for window in stillness.feed(samples.time, samples.gyro, samples.accel):
-        session.window(window)
+    session = CalibrationSession("transitions", whole=True)
+    fed(session, Stillness().feed(of.time, of.gyro, of.accel))
     return collect(session.movements)
 
 

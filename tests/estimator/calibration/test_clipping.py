@@ -8,7 +8,7 @@ from bridge.sim.imu_errors import ImuSpec
 from bridge.sim.motion_scripts import SessionPlan
 from bridge.wire.messages import Verdict
 from estimator.calibration.capture import Samples
-from estimator.calibration.clipping import ClippingKnobs, clipped
+from estimator.calibration.clipping import clipped
 from estimator.config.device_settings import knobs_of
 from estimator.device.session import DeviceSession
 from estimator.noise.device_model import load_model
@@ -33,7 +33,7 @@ def push(peak_dps: float, *, cut: bool = True, after: float = 0.0) -> Samples:
 
 def cut_off(samples: Samples, gyro_range: float = np.inf) -> int:
     """How many samples."""
-    return int(np.count_nonzero(clipped(samples, np.full(3, NOISE), ClippingKnobs(gyro_range))))
+    return int(np.count_nonzero(clipped(samples, np.full(3, NOISE), gyro_range)))
 
 
 def test_the_readings_show_it_where_no_range_is_told() -> None:

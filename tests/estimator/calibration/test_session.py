@@ -3,13 +3,13 @@ import pytest
 
 from bridge.sim.motion_scripts import TurnPlan
 from bridge.wire.messages import Verdict
-from estimator.calibration.capture import Capture, Samples
+from estimator.calibration.capture import Capture
 from estimator.calibration.methods import METHODS
 from estimator.calibration.result import Result, nothing
 from estimator.calibration.session import CalibrationSession
 from estimator.calibration.session_events import Finished, RestFound, TurnFound
 from estimator.stillness.detector import Stillness
-from tests.estimator.calibration.sessions import progress
+from tests.estimator.calibration.sessions import fed, progress
 from tests.estimator.stream import calibration
 from tests.sentences import free
 
@@ -46,7 +46,6 @@ def test_only_the_turns_that_are_to_be_repeated_are_forgotten(monkeypatch: pytes
     monkeypatch.setitem(METHODS, "closure", open_about_y)
     of = calibration(X, Y, Z, seed=8)
     session = CalibrationSession()
-    session.add(Samples(of.time, of.gyro, of.accel, np.zeros(len(of), bool)))
-    found = [p for w in Stillness().feed(of.time, of.gyro, of.accel) for p in session.window(w)]
+    found = fed(session, Stillness().feed(of.time, of.gyro, of.accel))
     assert isinstance(found[-1], Finished)
     assert (session.done(), session.missing()) == ((0, 2), (1,))

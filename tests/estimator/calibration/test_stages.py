@@ -2,27 +2,24 @@ import numpy as np
 import pytest
 
 from bridge.sim.motion_scripts import SessionPlan, TurnPlan
-from estimator.calibration.capture import History, Samples
-from estimator.calibration.stages import Settled, StageKnobs, Stages
-from estimator.stillness.detector import Stillness
+from estimator.calibration.capture import History
+from estimator.calibration.stages import LONGEST_S, Settled, Stages
+from estimator.stillness.detector import Stillness, Windows
 from tests.estimator.stream import Stream, calibration
 
 
 def settled(of: Stream) -> list[Settled]:
-    history, stillness = History(), Stillness()
+    history, windows = held(of)
     stages = Stages(history)
-    history.add(Samples(of.time, of.gyro, of.accel, np.zeros(len(of), bool)))
-    found = [stages.window(w) for w in stillness.feed(of.time, of.gyro, of.accel)]
+    found = [stages.take(begun, ended, still=still) for begun, ended, _, still in windows.heads]
     return [s for s in found if s is not None]
 
 
-def test_a_session_has_four_rests_each_with_the_one_before() -> None:
-    of = calibration(seed=4)
-    found = settled(of)
-    assert len(found) == 4
-    for stage in found[1:]:
-        assert stage.before is not None
-        assert stage.before.end < stage.after.start
+def held(of: Stream) -> tuple[History, Windows]:
+    """The samples of a stream in a history, and their windows."""
+    history, windows = History(), Stillness().feed(of.time, of.gyro, of.accel)
+    history.take(windows.samples[1])
+    return history, windows
 
 
 @pytest.mark.parametrize("rate_hz", [10.0, 12.5, 25.0])
@@ -36,9 +33,7 @@ def test_three_seconds_are_a_rest_at_any_rate(rate_hz: float, seed: int) -> None
 def test_rests_hold_no_movement_and_movements_hold_all_of_it() -> None:
     of = calibration(seed=5, plan=SessionPlan(turn_s=(4.0, 5.0), wobble_deg=2.0))
     turning = np.linalg.norm(of.rate, axis=1) > np.radians(0.3)
-    history = History()
-    history.add(Samples(of.time, of.gyro, of.accel, np.zeros(len(of), bool)))
-    stages = Stages(history)
+    stages = Stages(held(of)[0])
     for s in settled(of):
         rest = slice(of.at(s.after.start), of.at(s.after.end))
         assert not turning[rest].any()
@@ -70,4 +65,4 @@ def test_a_rest_of_hours_is_measured_by_its_latest_part() -> None:
     of = calibration(before_s=100.0)
     first = settled(of)[1].before
     assert first is not None
-    assert first.end - first.start == pytest.approx(StageKnobs().longest_s, abs=0.1)
+    assert first.end - first.start == pytest.approx(LONGEST_S, abs=0.1)

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from bridge.reasons.catalogue import english
 from bridge.reasons.codes import Code
@@ -16,10 +15,8 @@ from estimator.calibration.axis_alignment import MAPPINGS, foreign_axes, in_word
 from estimator.calibration.result import Result
 from estimator.offline import recordings
 from tests.estimator.calibration.sessions import capture as captured
-from tests.estimator.stream import calibration
+from tests.estimator.stream import Floats, calibration
 from tests.sentences import codes
-
-Floats = NDArray[np.float64]
 
 
 def calibrate(of: Session, gyro: Floats | None = None, *, accel: bool = True, rate: float = 1.0) -> Result:

@@ -68,14 +68,6 @@ def test_clipped_samples_are_named() -> None:
     assert ignored(of, clipped=slice(10, 20)) == [], "clipped, but not in the turn"
 
 
-@pytest.mark.parametrize("range_dps", [60.0, 90.0, 120.0])
-def test_a_limit_that_nobody_flagged_is_seen(range_dps: float) -> None:
-    of = calibration(
-        TurnPlan(0, duration_s=4.0), spec=ImuSpec(scale=(1.0, 1.0), range_dps=range_dps, bias_limit_dps=1.0)
-    )
-    assert turns(of) == []
-
-
 def test_missing_samples_are_named() -> None:
     of = calibration(TurnPlan(2, duration_s=5.0))
     gone = of.at(1.5 + 3.2 + 2.0)

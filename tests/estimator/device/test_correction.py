@@ -5,8 +5,8 @@ import pytest
 
 from bridge.wire.messages import Calibration, Quality, Verdict
 from estimator.calibration.result import PARAMETERS
-from estimator.device.correction import Correction, Floats, believed, choose
-from estimator.geometry.gyro_model import PriorKnobs
+from estimator.device.correction import Correction, believed, choose
+from estimator.geometry.gyro_model import Floats, PriorKnobs
 from tests.estimator.stream import corrected_by, stream
 
 KNOBS = PriorKnobs()

@@ -5,7 +5,6 @@ import pytest
 from bridge.wire.messages import State
 from estimator.device.lifecycle import AWAY, CAUSES, TABLE, Event, Lifecycle
 
-CALIBRATING = (State.AWAITING_STILL, State.BIAS_ONLY, State.TURNING)
 DOC = Path(__file__).parents[3] / "docs" / "life.md"
 CANCELS = (Event.CANCEL_TO_TRACKING, Event.CANCEL_TO_START)
 THERE = [s for s in State if s not in AWAY]
@@ -59,9 +58,3 @@ def leads(event: Event) -> str:
 
 def word(state: State) -> str:
     return state.name.lower().replace("_", "-")
-
-
-@pytest.mark.parametrize("state", CALIBRATING)
-def test_cancelling_leads_where_it_came_from(state: State) -> None:
-    assert TABLE[state, Event.CANCEL_TO_TRACKING] is State.TRACKING
-    assert TABLE[state, Event.CANCEL_TO_START] is State.AWAITING_STILL

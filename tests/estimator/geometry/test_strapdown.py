@@ -2,16 +2,14 @@
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from bridge.sim.motion import Motion, TrueMotion
 from bridge.sim.motion_scripts import swing
-from estimator.geometry.rotation import log
+from estimator.geometry.rotation import Floats, log
 from estimator.geometry.strapdown import Span, sum_up
 from estimator.kernels import strapdown as loop
 
-Floats = NDArray[np.float64]
 START = np.array([0.5, -0.5, 0.5, 0.5])
 MATRIX = np.array([[1.1, 0.02, -0.01], [0.0, 0.9, 0.03], [0.015, -0.02, 1.05]])
 BIAS, ACCEL_BIAS = np.radians([3.0, -2.0, 1.0]), np.array([0.1, -0.2, 0.05])

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from estimator.geometry.gyro_model import COARSE_STEP, least_step, mean_var, rounding_var, spread
+from estimator.geometry.gyro_model import COARSE_STEP, least_step, mean_var, rounding_var
 from estimator.kernels import second_statistics as loop
 from estimator.kernels.second_statistics import measured
 
@@ -26,7 +26,7 @@ def test_readings_of_a_second(seed: int, coarse: float, *, aided: bool) -> None:
     dt, rows, clips = measured(samples, -0.01, 1.0, COARSE_STEP, known)
     assert clips is (coarse > 0)
     np.testing.assert_array_equal(dt, np.diff(time, prepend=-0.01))
-    mean, std = spread(gyro)
+    mean, std = gyro.mean(axis=0), gyro.std(axis=0, ddof=1)
     step = least_step(gyro)
     for row, expected in (
         (loop.MEAN, mean),

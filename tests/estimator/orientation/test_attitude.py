@@ -4,16 +4,14 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from estimator.geometry.gyro_model import GyroModel
+from estimator.geometry.gyro_model import Floats, GyroModel
 from estimator.orientation.attitude import Attitude, Oriented, known, orient
 from estimator.orientation.smoothing import smooth
 from tests.sim.attitude import integrate
 from tests.sim.day import anyhow
 
-Floats = NDArray[np.float64]
 RATE_HZ, G = 100.0, 9.80665
 BIAS_STD, MATRIX_STD, ACCEL_STD, NOISE = 1e-4, 2e-3, 0.03, 1e-3
 

@@ -90,7 +90,7 @@ def state(served: Served, device: str) -> str:
     if session.life.state is State.LOST:
         session.life.reason = ()  # and so are the seconds since it was heard last
     try:
-        what = pickle.dumps((session, sequence.boot, sequence.next, sequence._first, sorted(sequence._past.items())))
+        what = pickle.dumps((session, sequence.boot, sequence.next, sequence.first, sorted(sequence._past.items())))
     finally:
         session.sequence, session.learnt._events, session.life.reason = sequence, sequence.events, reason
     return hashlib.sha256(what).hexdigest()

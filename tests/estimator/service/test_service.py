@@ -92,9 +92,10 @@ def test_killed_and_restarted_the_same_boot_goes_on(ward: Ward, once: Stream) ->
 
 def test_a_refused_calibration_is_published_but_not_kept(ward: Ward, monkeypatch: pytest.MonkeyPatch) -> None:
     from estimator.calibration import closure
+    from estimator.calibration.result import NotConverged
 
     def never(*_: object) -> None:
-        raise closure.NotConverged(Code.TURNS_UNDETERMINED())
+        raise NotConverged(Code.TURNS_UNDETERMINED())
 
     monkeypatch.setattr(closure, "estimate", never)
     ward.send(calibration(seed=3).batches(), info(1))

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from estimator.samples.sample_buffer import GYRO, Floats
 from estimator.stillness.detector import Stillness, Window
 
-Floats = NDArray[np.float64]
 RATE_HZ, N = 104.0, 208
 
 
@@ -39,12 +39,12 @@ def test_a_lone_spike_is_mended_wherever_it_is_and_the_window_is_still(
     found = windows(spiked)
     assert [w.spikes for w in found if w.spikes] == [1]
     assert all(w.still for w in found)
-    readings = np.concatenate([w.gyro for w in found])
+    readings = np.concatenate([w.rows[:, GYRO] for w in found])
     np.testing.assert_allclose(readings[place, axes], (gyro[place - 1, axes] + gyro[place + 1, axes]) / 2)
     others = np.delete(np.arange(len(readings)), place)
     np.testing.assert_array_equal(readings[others], gyro[others])
     one_by_one = windows(spiked, edges=tuple(range(1, N)))
-    np.testing.assert_array_equal(np.concatenate([w.gyro for w in one_by_one]), readings)
+    np.testing.assert_array_equal(np.concatenate([w.rows[:, GYRO] for w in one_by_one]), readings)
     assert [w.end for w in one_by_one] == [w.end for w in found]
 
 
@@ -55,4 +55,4 @@ def test_two_in_a_row_are_no_spike(place: int) -> None:
     found = windows(gyro)
     assert not any(w.spikes for w in found)
     assert not all(w.still for w in found)
-    np.testing.assert_array_equal(np.concatenate([w.gyro for w in found]), gyro[: found[-1].end])
+    np.testing.assert_array_equal(np.concatenate([w.rows[:, GYRO] for w in found]), gyro[: found[-1].end])

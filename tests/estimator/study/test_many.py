@@ -33,7 +33,7 @@ def capture(of: PaperSessions, s: int) -> Capture:
 
 
 def test_algorithm_1_on_many_is_algorithm_1_on_each(sessions: PaperSessions) -> None:
-    together = many.algorithm1(sessions).theta
+    together = many.algorithm1(sessions)
     for s, theta in enumerate(together):
         alone = turn360.estimate(capture(sessions, s))
         np.testing.assert_allclose(theta, [*alone.bias, *alone.k], atol=1e-10)
@@ -41,12 +41,12 @@ def test_algorithm_1_on_many_is_algorithm_1_on_each(sessions: PaperSessions) -> 
 
 def test_closure_on_many_is_closure_on_each(sessions: PaperSessions) -> None:
     std = np.radians(0.2)
-    together = many.closure(many.evidence(sessions, std))
+    together, covariance = many.closure(many.evidence(sessions, std))
     knobs = ClosureKnobs(Replacement(std), misalignment_std=0.0, rate_random_walk=0.0, honest_p=0.0)
-    for s in range(len(together.theta)):
+    for s in range(len(together)):
         alone = closure.estimate(capture(sessions, s), knobs)
-        np.testing.assert_allclose(together.theta[s], [*alone.bias, *alone.k], atol=1e-9)
-        np.testing.assert_allclose(together.covariance[s], alone.covariance, rtol=1e-6, atol=1e-15)
+        np.testing.assert_allclose(together[s], [*alone.bias, *alone.k], atol=1e-9)
+        np.testing.assert_allclose(covariance[s], alone.covariance, rtol=1e-6, atol=1e-15)
 
 
 def test_the_bound_is_the_information_at_the_truth() -> None:

@@ -30,7 +30,7 @@ def test_the_mean_error_of_the_test_set_is_that_of_drawn_samples() -> None:
 def test_a_real_session_agrees_with_imucal(shared_data: Path) -> None:
     """Algorithm 1 and closure to 5e-4, transitions within its own standard deviations; too few poses are said."""
     scenario = structs.replace(real.STUDY.read(), recording=str(shared_data / "imucal" / "ferraris_session.npz"))
-    found = real.results(scenario, {("session",): real.work(scenario, ("session",))})
+    found = real.results(scenario, {})
     by = {row.method: row for row in found.rows}
     theirs = np.array(by["imucal"].k)
     for method in ("turn360", "closure"):

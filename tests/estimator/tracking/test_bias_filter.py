@@ -2,15 +2,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from estimator.tracking.bias_filter import BiasFilter
-from estimator.tracking.bias_state import OWN, SLOPE, BiasKnobs
+from estimator.tracking.bias_state import OWN, SLOPE, BiasKnobs, Floats
 from estimator.tracking.bias_state import start as begin
 from estimator.tracking.evidence import GATES, Evidence
 
-Floats = NDArray[np.float64]
 SMALL = np.eye(3) * 1e-8
 NAN = float("nan")
 

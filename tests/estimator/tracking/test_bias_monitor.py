@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from bridge.reasons.codes import Sentences
-from estimator.tracking.bias_monitor import BiasMonitor
+from estimator.tracking.bias_monitor import CONTRADICTIONS, BiasMonitor
 from estimator.tracking.evidence import Receipt
+from estimator.tracking.innovation_consistency import InnovationConsistency
 from estimator.tracking.zaru import UNPROVEN
 
 LEVEL, VERTICAL = "zaru level", "zaru vertical"
@@ -25,7 +26,7 @@ def said(doubt: BiasMonitor, *seconds: list[Receipt]) -> Sentences:
 
 def settled(doubt: BiasMonitor, *receipts: Receipt) -> bool:
     doubt.take(receipts, [])
-    doubt.consistency.forget()
+    doubt.consistency = InnovationConsistency()
     return doubt.settled(1.0, sure=True, gravity=False)
 
 
@@ -34,7 +35,7 @@ def turning() -> BiasMonitor:
     """Doubted about the vertical."""
     doubt = BiasMonitor()
     off = receipt(VERTICAL, 0.25, "outside the gate")
-    assert said(doubt, *[[receipt(LEVEL), off]] * doubt.knobs.contradictions)
+    assert said(doubt, *[[receipt(LEVEL), off]] * CONTRADICTIONS)
     return doubt
 
 

@@ -2,15 +2,13 @@
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from estimator.tracking.bias_filter import BiasFilter
-from estimator.tracking.bias_state import SLOPE, BiasKnobs, start
-from estimator.tracking.bounded_motion import BoundedMotion, BoundedMotionKnobs
+from estimator.tracking.bias_state import SLOPE, BiasKnobs, Floats, start
+from estimator.tracking.bounded_motion import INSIST, VERTICAL_INSIST, BoundedMotion
 from estimator.tracking.evidence import Receipt
 from estimator.tracking.seconds import Second
 
-Floats = NDArray[np.float64]
 BIAS = np.radians([1.0, -2.0, 0.5])
 N = 104
 
@@ -85,12 +83,11 @@ def test_a_sway_without_a_beat_teaches_about_as_much_as_it_is_believed(settles_s
 
 
 def test_four_stretches_that_contradict_are_believed() -> None:
-    insist = BoundedMotionKnobs().insist
-    bias, receipts = breathe(2.0, 30 * insist)
-    assert [r.accepted for r in receipts] == [False] * (insist - 1) + [True]
+    bias, receipts = breathe(2.0, 30 * INSIST)
+    assert [r.accepted for r in receipts] == [False] * (INSIST - 1) + [True]
     assert receipts[-1].reason == "insisted"
     np.testing.assert_allclose(bias.state.bias, BIAS, atol=3 * np.radians(0.1))
-    before, _ = breathe(2.0, 30 * insist - 1)
+    before, _ = breathe(2.0, 30 * INSIST - 1)
     np.testing.assert_allclose(before.state.bias - BIAS, np.radians(2.0))
 
 
@@ -113,7 +110,7 @@ def test_stretches_that_contradict_the_bias_and_each_other_are_not_believed(up: 
 @pytest.mark.parametrize("off_dps", [0.1, -0.3, 1.0])
 def test_a_bed_that_turns_for_minutes_under_a_sleeper_is_not_taken_for_a_bias(off_dps: float) -> None:
     up = np.array([0.0, 0.6, 0.8])
-    minutes = 30 * (BoundedMotionKnobs().vertical_insist - 1)
+    minutes = 30 * (VERTICAL_INSIST - 1)
     bias, receipts = breathe(off_dps * up, minutes, 0.5, up=up)
     level, vertical = ([r for r in receipts if r.kind == f"bounded {part}"] for part in ("level", "vertical"))
     assert all(r.accepted for r in level)

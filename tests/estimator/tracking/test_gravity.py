@@ -1,18 +1,14 @@
 """Gravity carried along: how the state goes on, against finite differences of it."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from estimator.geometry.strapdown import sum_up
 from estimator.tracking.bias_filter import BiasFilter
-from estimator.tracking.bias_state import BIAS, SLOPE, BiasKnobs, BiasState, start
+from estimator.tracking.bias_state import BIAS, SLOPE, BiasKnobs, BiasState, Floats, start
 from estimator.tracking.evidence import Receipt
 from estimator.tracking.gravity import ACCEL_BIAS, GRAVITY, MATRIX, SIZE, VELOCITY, G, Gravity, GravityKnobs
 
-Floats = NDArray[np.float64]
 N, STEP = 400, 1e-6
 UP = np.array([0.48, 0.6, 0.64])
 
@@ -24,7 +20,7 @@ def moved(x: Floats, var: float = 0.0) -> tuple[Floats, Floats]:
     begun = gravity.extend(start(np.zeros(3), np.eye(3), 0.0, knobs), np.full(3, 0.01), np.full(3, 0.01))
     state = BiasState(x, var * np.eye(SIZE), begun.time)
     bias = BiasFilter(state, knobs)
-    gravity.known = True
+    gravity.state.known = True
     time = np.arange(1, N + 1) / N
     gyro = np.column_stack([np.sin(3 * time), 0.7 * np.cos(2 * time), 0.5 * np.ones(N)])
     accel = G * UP + np.column_stack([np.cos(5 * time), np.sin(4 * time), time])
@@ -51,20 +47,6 @@ def test_the_covariance_follows_the_state() -> None:
     np.testing.assert_allclose(across @ P @ across.T, across @ F @ F.T @ across.T, atol=0.02, rtol=1e-2)
     assert np.abs(F[VELOCITY, BIAS]).max() > 1
     np.testing.assert_array_equal(F[SLOPE, SLOPE], np.eye(3))
-
-
-def test_gravity_keeps_its_strength_and_is_begun_where_the_accelerometer_points() -> None:
-    assert np.linalg.norm(moved(first())[0][GRAVITY]) == pytest.approx(G)
-    gravity, knobs = Gravity(GravityKnobs()), BiasKnobs()
-    state = gravity.extend(start(np.zeros(3), 1e-6 * np.eye(3), 0.0, knobs), np.full(3, 0.01), np.full(3, 0.01))
-    bias = BiasFilter(replace(state), knobs)
-    still = sum_up(np.full(N, 1 / N), np.zeros((N, 3)), np.tile(G * UP, (N, 1)), np.eye(3), np.zeros(3), np.zeros(3))
-    bias.predict(bias.time, carried=gravity.carry(still, bias, 1e-4))
-    assert gravity.known
-    np.testing.assert_allclose(bias.x[GRAVITY], G * UP, atol=1e-9)
-    np.testing.assert_allclose(bias.x[VELOCITY], 0.0, atol=1e-9)
-    resting, moving = (gravity.evidence(still, resting=r) for r in (True, False))
-    assert resting.R[0, 0] < moving.R[0, 0]
 
 
 def resting(bias_std: float = 1e-3) -> tuple[Gravity, BiasFilter]:

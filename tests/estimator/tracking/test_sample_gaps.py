@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from bridge.sim.motion import Still
 from bridge.sim.motion_scripts import swing
 from estimator.tracking.sample_gaps import unseen
-from estimator.tracking.seconds import SecondKnobs
+from estimator.tracking.seconds import GAP_S
 from tests.estimator.stream import Stream, stream
 from tests.estimator.tracking.worn import LEVEL, PLAIN, Worn, model
 
@@ -35,7 +35,7 @@ def test_batches_lost_in_movements_do_not_mislead_the_bias(share: float) -> None
     worst = 0.0
     for seed in range(12):
         day = lossy(lively(seed), share, seed)
-        assert 0.09 < np.diff(day.time).max() < SecondKnobs().gap_s
+        assert 0.09 < np.diff(day.time).max() < GAP_S
         begin = day.bias[0] + np.radians(0.2) * np.random.default_rng(seed).normal(size=3)
         worn = Worn.new(bias_std_dps=0.2, gyro=model(begin, 1e-2, 1e-2)).lives(day)
         off = np.abs(np.array(worn.bias) - day.bias[-1])

@@ -1,14 +1,12 @@
 """The smoother against a least squares of all of the walk at once."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimator.tracking.bias_filter import BiasFilter
-from estimator.tracking.bias_state import OWN, BiasKnobs, start
+from estimator.tracking.bias_state import OWN, BiasKnobs, Floats, start
 from estimator.tracking.evidence import Evidence
 from estimator.tracking.smoother import History
 
-Floats = NDArray[np.float64]
 WALK, NOISE, PRIOR = 1e-3, 3e-3, 0.1
 KNOBS = BiasKnobs(rate_random_walk=WALK, per_kelvin=1e-6)
 

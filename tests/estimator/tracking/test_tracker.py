@@ -1,17 +1,14 @@
 """The whole tracker, fed sample by sample: what it must do whatever the stream is cut into, and what it learns of."""
 
-import copy
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from bridge.sim.imu_errors import DEMO_SPEC, ImuSpec
+from bridge.sim.imu_errors import ImuSpec
 from bridge.sim.motion import Piece, Still
 from bridge.sim.motion_scripts import swing
-from estimator.stillness.detector import Stillness
 from estimator.tracking.bias_state import BIAS, SLOPE
-from estimator.tracking.tracker import Tracker
 from tests.estimator.stream import Stream, stream
 from tests.estimator.tracking.worn import LEVEL, PLAIN, Worn, rest
 
@@ -27,41 +24,6 @@ def busy(seconds: float, *, seed: int = 0, resting_s: float = 0.0, spec: ImuSpec
 @pytest.fixture(scope="module")
 def day() -> Stream:
     return busy(24.0, seed=3, resting_s=8.0)
-
-
-# ---- the same whatever it is cut into -----------------------------------------------------------------------------
-
-
-def edges_of(n: int) -> dict[str, list[int]]:
-    rng = np.random.default_rng(1)
-    return {"at once": [], "one by one": list(range(1, n)), "at random": sorted({*rng.integers(1, n, 200).tolist()})}
-
-
-@pytest.mark.parametrize("how", ["at once", "one by one", "at random"])
-@pytest.mark.parametrize("accel", [True, False])
-def test_any_batching_gives_the_same_bits(day: Stream, how: str, accel: bool) -> None:
-    usual, other = (Worn.new().lives(day, edges=e, accel=accel) for e in (None, edges_of(len(day))[how]))
-    for name in ("time", "bias", "std"):
-        np.testing.assert_array_equal(getattr(other, name), getattr(usual, name))
-    np.testing.assert_array_equal(other.tracker.state.P, usual.tracker.state.P)
-
-
-@pytest.mark.parametrize("cut_s", [0.05, 3.0, 8.03, 15.5, 33.33])
-def test_a_copy_goes_on_bit_for_bit(day: Stream, cut_s: float) -> None:
-    whole, first = Worn.new().lives(day), Worn.new()
-    cut = day.at(cut_s)
-    first.lives(day.part(0, cut))
-    kept: tuple[Tracker, Stillness] = copy.deepcopy((first.tracker, first.stillness))
-    first.lives(rest(9.0, seed=9))  # what becomes of the first does not reach its copy
-    resumed = replace(Worn.new(), tracker=kept[0], stillness=kept[1]).lives(day.part(cut, len(day)))
-    n = len(resumed.bias)
-    assert n > 10
-    np.testing.assert_array_equal(resumed.bias, whole.bias[-n:])
-    np.testing.assert_array_equal(resumed.std, whole.std[-n:])
-    smoothed, expected = resumed.tracker.smoothed(), whole.tracker.smoothed()
-    assert smoothed is not None
-    assert expected is not None
-    np.testing.assert_array_equal(smoothed.bias, expected.bias)
 
 
 # ---- with less than all -------------------------------------------------------------------------------------------
@@ -136,14 +98,3 @@ def test_a_wrong_bias_is_found_in_motion_alone(seed: int) -> None:
     assert (np.abs(worn.error_dps(of)) < 3 * std).all()
     unaided = Worn.new(of.bias[0] + off, bias_std_dps=1.0).lives(of, accel=False)
     np.testing.assert_allclose(unaided.tracker.state.x[BIAS], of.bias[0] + off)
-
-
-# ---- restored -----------------------------------------------------------------------------------------------------
-
-
-def warming(seed: int) -> Stream:
-    """Swung and put down again and again while it warms up, which moves its bias."""
-    rng = np.random.default_rng(seed)
-    pieces = [Still(4.0), *(piece for _ in range(8) for piece in (swing(rng, 4.0, np.radians(90.0)), Still(3.0)))]
-    spec = replace(DEMO_SPEC, scale=(1.0, 1.0))
-    return stream(pieces, sum(p.duration_s for p in pieces), seed=seed, spec=spec, attitude=LEVEL)

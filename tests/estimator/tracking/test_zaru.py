@@ -3,19 +3,20 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from bridge.sim.motion import Piece, Spin, Still
 from estimator.tracking.bias_filter import BiasFilter
 from estimator.tracking.bias_state import OWN, BiasKnobs, start
 from estimator.tracking.evidence import Evidence, Receipt
 from estimator.tracking.seconds import Second
+from estimator.tracking.tilt_check import OVER_S, SETTLED_S
 from estimator.tracking.zaru import REFUSED_TILT, UNPROVEN, Zaru
-from estimator.tracking.zaru_state import ZaruKnobs
-from tests.estimator.stream import Stream, stream
+from estimator.tracking.zaru_limits import INSIST_S, PROVEN_AFTER
+from estimator.tracking.zaru_limits import QUASI_STATIC as MOTION
+from estimator.tracking.zaru_limits import UNPROVEN as UNPROVEN_STD
+from tests.estimator.stream import Floats, Stream, stream
 from tests.estimator.tracking.worn import LEVEL, PLAIN, Worn, rest
 
-Floats = NDArray[np.float64]
 BIAS = np.radians([1.0, -2.0, 0.5])
 UP = np.array([0.0, 0.0, 1.0])
 N = 104
@@ -72,7 +73,7 @@ def test_a_rest_measures_the_bias_with_the_noise_of_its_mean() -> None:
     receipts = rest.lives(20.0)
     assert len(receipts) == 19, "but the latest, which may be the last"
     assert all(r.accepted and r.kind == "zaru" for r in receipts)
-    own = np.radians(0.03) ** 2 / N + ZaruKnobs().quasi_static ** 2
+    own = np.radians(0.03) ** 2 / N + MOTION**2
     then = rest.filter.state.bias_cov
     (late,) = rest.lives(1.0)
     np.testing.assert_allclose(np.diag(late.innovation_cov), np.diag(then + own), rtol=0.01)
@@ -84,8 +85,8 @@ def test_the_first_seconds_of_quiet_are_no_proof_of_rest() -> None:
     rest.filter = BiasFilter(start(BIAS, np.radians(5.0) ** 2 * np.eye(3), 0.0, knobs), knobs)
     receipts = rest.lives(8.0)
     assert [r.reason for r in receipts] == [UNPROVEN] * 3 + [""] * 4
-    assert receipts[0].innovation_cov[0, 0] > ZaruKnobs().unproven ** 2
-    assert receipts[ZaruKnobs().proven_after].innovation_cov[0, 0] < ZaruKnobs().unproven ** 2
+    assert receipts[0].innovation_cov[0, 0] > UNPROVEN_STD**2
+    assert receipts[PROVEN_AFTER].innovation_cov[0, 0] < UNPROVEN_STD**2
     sure = Rest()
     assert sure.lives(3.0) == [], "who knows better waits for the proof"
 
@@ -145,8 +146,7 @@ def test_a_jump_across_gravity_is_learnt_within_seconds() -> None:
 
 
 def test_a_jump_along_gravity_waits_until_it_insists() -> None:
-    insist_s = ZaruKnobs().insist_s
-    early, late = (jumped(np.array([0.0, 0.0, 0.5]), insist_s + s) for s in (-5.0, 15.0))
+    early, late = (jumped(np.array([0.0, 0.0, 0.5]), INSIST_S + s) for s in (-5.0, 15.0))
     waiting, learnt = (Worn.new().lives(of) for of in (early, late))
     assert waiting.error_dps(early)[2] == pytest.approx(-0.5, abs=0.01)
     assert abs(learnt.error_dps(late)[2]) < 0.01
@@ -163,8 +163,7 @@ def with_holes(of: Stream, *holes: tuple[float, float]) -> Worn:
 
 
 def test_holes_keep_no_contradiction_from_being_believed_but_lengthen_it() -> None:
-    insist_s = ZaruKnobs().insist_s
-    of = jumped(np.array([0.0, 0.0, 0.5]), insist_s + 40.0)
+    of = jumped(np.array([0.0, 0.0, 0.5]), INSIST_S + 40.0)
     holed = with_holes(of, *((s, s + 0.4) for s in (70.0, 100.0, 130.0)))
     assert any(r.reason == "insisted" for r in holed.receipts)
     assert abs(holed.error_dps(of)[2]) < 0.01
@@ -197,7 +196,7 @@ def test_while_gravity_turns_no_rest_is_believed() -> None:
     assert {r.reason for r in receipts[6:] if r.kind == "zaru"} == {REFUSED_TILT}
     assert np.degrees(np.abs(rest.filter.state.bias - before)).max() < 0.01
     # And when gravity stays, it is a rest again.
-    assert rest.lives(ZaruKnobs().tilt.settled_s + ZaruKnobs().tilt.over_s + 10.0)[-1].accepted
+    assert rest.lives(SETTLED_S + OVER_S + 10.0)[-1].accepted
 
 
 @pytest.mark.parametrize("waits", [0, 1, 3, 8])

@@ -1,7 +1,7 @@
 """A tracker fed as a session feeds it, with what it believed second by second."""
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,15 +9,14 @@ from numpy.typing import NDArray
 
 from bridge.sim.imu_errors import ImuSpec
 from bridge.sim.motion import Still
-from estimator.geometry.gyro_model import GyroModel
-from estimator.stillness.detector import Stillness
+from estimator.geometry.gyro_model import Floats, GyroModel
+from estimator.stillness.detector import Stillness, Windows
 from estimator.tracking.bias_state import BiasKnobs
 from estimator.tracking.evidence import Receipt
 from estimator.tracking.track_knobs import TrackKnobs
 from estimator.tracking.tracker import Tracker
 from tests.estimator.stream import Stream, stream
 
-Floats = NDArray[np.float64]
 #: nothing wrong with it but the bias and white noise
 PLAIN = ImuSpec(scale=(1.0, 1.0), bias_limit_dps=2.0)
 KNOBS = TrackKnobs(bias=BiasKnobs(warm_up_walk=0.0))
@@ -33,6 +32,13 @@ def model(bias: Floats | None = None, scale_std: float = 1e-4, cross_std: float 
 def rest(seconds: float, *, seed: int = 0, noise_dps: float = 0.03, spec: ImuSpec = PLAIN) -> Stream:
     """A device that lies flat."""
     return stream([Still(seconds)], seconds, seed=seed, spec=replace(spec, noise_dps=noise_dps), attitude=LEVEL)
+
+
+def learnt(tracker: Tracker, windows: Windows) -> Iterator[tuple[float, list[Receipt]]]:
+    """Feed windows one by one; yields after each its end, s, and the receipts of the seconds that it completed."""
+    for i, (_, now, _, _) in enumerate(windows.heads):
+        seconds = tracker.seconds.take(windows.part(i, i + 1))
+        yield now, [receipt for _, second in seconds for receipt in tracker.learn(second)]
 
 
 @dataclass(slots=True, eq=False)
@@ -69,9 +75,9 @@ class Worn:
         for a, b in itertools.pairwise(bounds):
             force = of.accel[a:b] if accel else None
             celsius = of.temperature_c[a:b] if temperature else None
-            for windows in self.stillness.feed(of.time[a:b], of.gyro[a:b], force, clipped[a:b], celsius).each():
-                ((_, now, _, _),) = windows.heads
-                self.receipts += self.tracker.take(windows)
+            windows = self.stillness.feed(of.time[a:b], of.gyro[a:b], force, clipped[a:b], celsius)
+            for now, receipts in learnt(self.tracker, windows):
+                self.receipts += receipts
                 self.time.append(now)
                 self.bias.append(self.tracker.bias)
                 self.std.append(self.tracker.std)

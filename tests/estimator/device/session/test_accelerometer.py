@@ -62,22 +62,6 @@ def test_rests_while_worn_calibrate_it(life: Stream) -> None:
     assert device.status(0).accelerometer is None, "another device, for all that is known"
 
 
-def test_a_run_cut_and_resumed_has_the_same_poses(life: Stream) -> None:
-    batches = life.batches()
-    whole, saved = DeviceSession(NAME), dict[int, tuple[bytes | None, object]]()
-    for number, batch in enumerate(batches):
-        if number % 97 == 50:
-            saved[number] = whole.state(), whole.calibration
-        feed(whole, [batch])
-    for bytes_, known in saved.values():
-        assert bytes_ is not None
-        resumed = DeviceSession.restored(bytes_, known, NAME)  # type: ignore[arg-type]
-        first = resumed.sequence.next
-        assert first is not None
-        feed(resumed, [batch for batch in batches if batch.sequence + len(batch) > first])
-        assert resumed.status(0).accelerometer == whole.status(0).accelerometer
-
-
 def test_the_gyro_is_as_good_without(life: Stream) -> None:
     """Readings that cannot be gravity are refused with the reason; what the gyro is worth does not change."""
     dead = replace(life, accel=np.full_like(life.accel, 3.0))

@@ -11,9 +11,7 @@ from bridge.sim.motion import Still
 from bridge.sim.motion_scripts import SessionPlan, TurnPlan, swing
 from bridge.wire.messages import Quality, State
 from estimator.device.session import DeviceSession
-from estimator.device.session_knobs import SessionKnobs
-from estimator.tracking.bias_monitor import BiasMonitorKnobs
-from estimator.tracking.track_knobs import TrackKnobs
+from estimator.tracking import bias_monitor
 from tests.estimator.device.session.lives import again, calibrated, off, state
 from tests.estimator.stream import NAME, Stream, calibration, feed, rates, stream
 from tests.sentences import codes, free
@@ -83,10 +81,12 @@ def test_a_new_calibration_ends_a_doubt_at_once(once: Stream) -> None:
     assert {b.quality for b in new} == {Quality.GOOD}
 
 
-def test_without_rest_the_uncertainty_grows_and_is_degraded_at_last(once: Stream) -> None:
+def test_without_rest_the_uncertainty_grows_and_is_degraded_at_last(
+    once: Stream, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """As far as the bias walks by itself: at an even temperature, what is not known of warmth would hide it."""
-    knobs = SessionKnobs(track=TrackKnobs(doubt=BiasMonitorKnobs(evidence_age_s=60.0)))
-    device = DeviceSession(NAME, knobs)
+    monkeypatch.setattr(bias_monitor, "EVIDENCE_AGE_S", 60.0)
+    device = DeviceSession(NAME)
     feed(device, replace(once, temperature_c=np.full(len(once), 30.0)).batches())
     rng = np.random.default_rng(0)
     busy = [swing(rng, 5.0, np.radians(120.0)) for _ in range(20)]
@@ -98,7 +98,7 @@ def test_without_rest_the_uncertainty_grows_and_is_degraded_at_last(once: Stream
     stds = np.array([b.bias_std.max() for b in corrected])
     assert stds[-1] > 1.5 * stds[0]
     # Deviations are those of corrected rates: the axis with the largest scale factor.
-    walk = knobs.track.bias.rate_random_walk * np.sqrt(99.0) * once.truth.k.max()
+    walk = device.knobs.track.bias.rate_random_walk * np.sqrt(99.0) * once.truth.k.max()
     # A little faster than the model says, until rests have shown how fast.
     assert 0.9 * walk < np.sqrt(stds[-1] ** 2 - stds[0] ** 2) < 1.4 * walk
     assert corrected[0].quality is Quality.GOOD

@@ -1,0 +1,15 @@
+"""Worker processes that ignore Ctrl-C: a terminal sends it to every process, and each would print a traceback."""
+
+import multiprocessing
+import signal
+from multiprocessing.pool import Pool
+
+
+def started(workers: int | None) -> Pool:
+    """Start worker processes, one per processor if `workers` is None; the present process goes on handling SIGINT."""
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        # Spawned, not forked: a copy of a process with threads may hang.
+        return multiprocessing.get_context("spawn").Pool(workers)
+    finally:
+        signal.signal(signal.SIGINT, before)
