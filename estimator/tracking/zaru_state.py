@@ -24,7 +24,7 @@ class ZaruKnobs:
     unproven: float = radians(0.1)
     #: rad/s, the same without an accelerometer: so much a person sways who stands for a moment (tests/bench/honesty.py); and
     #: before any proven rest of an unknown bias: half a breath at power-up shut out the truth for minutes
-    #: (tests/bench/warming.py: seed 16, begun late)
+    #: (tests/consistency/test_warming.py; seed 16, begun late)
     unproven_at_most: float = radians(0.19)
     proven_after: int = 4
     #: rad/s, the same in the last second of a rest: a movement may begin too gently for a gyro alone
