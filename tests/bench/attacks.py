@@ -283,7 +283,9 @@ def run(which: str, after_s: float, fuzz_s: float) -> list[str]:
         worst = {**visitor.worst, "hole": max(holes.values()), "stop": time.monotonic() - stopping}
     print(f"{which}: worst, s: { {what: round(s, 2) for what, s in worst.items()} }; ", end="")
     print(f"estimator and dashboard, MB, before {before}, after {after}; failed: {visitor.failed[:5]}", flush=True)
-    missed = [f"{what} {worst[what]:.2f} s (goal {goal:g})" for what, goal in GOALS_S.items() if worst[what] > goal]
+    missed = [
+        f"{what} {worst[what]:.2f} s (goal {goal:g})" for what, goal in GOALS_S.items() if worst.get(what, 0.0) > goal
+    ]
     missed += [
         f"{was:.0f} MB, then {now:.0f}" for was, now in zip(before, after, strict=True) if now > (1 + GROWN) * was
     ]

@@ -107,7 +107,7 @@ def test_a_file_that_may_not_grow_is_followed_by_another(tmp_path: Path) -> None
     """A real limit of the kernel's: the message says so, nothing is torn, and recording goes on."""
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     with Router((endpoint,), shed=keys.VIEWED), ZenohBus((endpoint,)) as bus, crowd.Crowd(bus, 20):
-        process = recorder(endpoint, tmp_path, "--seconds", "6", ward=crowd.WARD, file_limit=300_000)
+        process = recorder(endpoint, tmp_path, "--seconds", "4", ward=crowd.WARD, file_limit=300_000)
         _, said = process.communicate(timeout=60)
     assert "may not grow further" in said
     assert process.returncode == 1, "something was not recorded, and that is told"
