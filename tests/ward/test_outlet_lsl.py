@@ -60,10 +60,8 @@ def check_mirror(mirrored: list[SampleBatch], chest: list[SampleBatch]) -> None:
     known = np.array([(sent[row], at_ns) for row, at_ns in came if row in sent])
     assert len(known) > 200
     assert len(known) > 0.9 * len(came)
-    # Within a millisecond (`tests.bench.lsl`); on a busy machine, LSL's estimate of the clocks' offset is worse for a while.
-    off_ns = np.abs(np.diff(known, axis=1))
-    assert np.median(off_ns) < 5e6
-    assert off_ns.max() < 50e6
+    # How well two estimates of LSL's clock agree is for a quiet machine to tell (`tests.bench.lsl`). Here: no other epoch.
+    assert np.abs(np.diff(known, axis=1)).max() < 1e9
 
 
 def test_streams_are_what_a_subscriber_gets(tmp_path: Path) -> None:
@@ -93,7 +91,11 @@ def test_streams_are_what_a_subscriber_gets(tmp_path: Path) -> None:
         with Client(ward.endpoint, ward=WARD) as client:
             assert client.note("chest", "nurse", "sat up").accepted
             mirrored, chest = client.raw("mirror", history=False), client.raw("chest")
-            copied, read = mirrored.collect(4.0), chest.collect(0.1)
+            copied = list[SampleBatch]()
+            while sum(map(len, copied)) <= 250:
+                ward.check()
+                copied += mirrored.drain(0.5)
+            read = chest.collect(0.1)
         ward.stop("bridge")  # simulated devices draw a new boot at each start
         ward.start("bridge")
         marked: list[tuple[str, float]] = []
