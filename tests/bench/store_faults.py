@@ -1,4 +1,4 @@
-"""What becomes of a store: killed writers, failing calls of the kernel, torn files and flipped bits. Prints one JSON object.
+"""What becomes of a store: killed writers, failing calls of the kernel, torn files and flipped bits, as JSON and in a line.
 
 python -m tests.bench.store_faults [--kills 200] [--flips 5000] [--calls 60] [--seed 1]
 
@@ -33,6 +33,8 @@ from tests.estimator.database.writing import write
 from tests.estimator.stream import NAME
 
 PAGE, HEADER = 4096, 100
+#: what may not happen
+BAD = ("lost", "wrong", "found damaged")
 
 
 def kills(folder: Path, many: int, chance: random.Random) -> dict[str, int]:
@@ -99,14 +101,14 @@ def calls(folder: Path, most: int) -> dict[str, int]:
     return dict(found)
 
 
-def main(words: list[str] | None = None) -> None:
-    """Do all of it."""
+def main() -> int:
+    """Do all of it; 1 where something was lost, or a damaged store was used."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     for name, default in (("kills", 200), ("flips", 5000), ("calls", 60), ("seed", 1)):
         parser.add_argument(f"--{name}", type=int, default=default)
-    given = parser.parse_args(words)
+    given = parser.parse_args()
     logging.disable()
-    chance, found = random.Random(given.seed), dict[str, object]()
+    chance, found = random.Random(given.seed), dict[str, dict[str, int]]()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         (folder / "killed").mkdir()
@@ -124,7 +126,12 @@ def main(words: list[str] | None = None) -> None:
         if shutil.which("strace"):
             found["calls"] = calls(folder / "calls", given.calls)
     print(json.dumps({"bytes": len(data), **found}, indent=2))
+    bad = {what: n for of in found.values() for what, n in of.items() if what in BAD and n}
+    print(
+        f"of {given.kills} kills, {len(bits)} flips and {given.calls} calls of each kind that fail: {bad or 'all is well'}"
+    )
+    return int(bool(bad))
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())
