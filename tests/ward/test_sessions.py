@@ -1,6 +1,7 @@
 """Whole sessions through a real serial port, bridge, zenoh and estimator, nothing told but the stream."""
 
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -33,9 +34,8 @@ def play(ward: Ward, device: VirtualDevice, samples: int) -> tuple[Calibration, 
     heard, watcher, name = subscribers(ward), Watcher(ward.endpoint, WARD), device.name
     ward.plug(name, device, speed=SPEED, lossless=True)
     try:
-        wait(
-            "the end of the recording", lambda: sum(map(len, batches_of(heard[0], name))) >= samples, watcher, ward, 60
-        )
+        for subscriber in heard:
+            wait("the end of the recording", partial(has_heard, subscriber, name, samples), watcher, ward, 60)
         wait("the last status", lambda: watcher.statuses[name].samples_out >= samples, watcher, ward)
         with Client((ward.endpoint,), ward=WARD) as client:
             published = client.calibrations(name)
@@ -54,6 +54,10 @@ def play(ward: Ward, device: VirtualDevice, samples: int) -> tuple[Calibration, 
 
 def batches_of(heard: Subscriber, name: str) -> list[CorrectedBatch]:
     return [batch for (device, _), batches in heard.batches.copy().items() if device == name for batch in batches]
+
+
+def has_heard(heard: Subscriber, name: str, samples: int) -> bool:
+    return sum(map(len, batches_of(heard, name))) >= samples
 
 
 def everything_once(heard: list[list[CorrectedBatch]], samples: int) -> None:
