@@ -3,7 +3,7 @@
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +16,7 @@ from estimator.client import Client
 from estimator.demo.subscribers import Subscriber
 from estimator.demo.ward import WARD, Ward, free_port
 from tests.lsl import ahead_s, heard, inlet
-from tests.ward.parts import add_simulated
+from tests.ward.parts import add_simulated, until
 
 pytestmark = [pytest.mark.ward, pytest.mark.xdist_group("ward 2"), pytest.mark.timeout(120)]
 PICTURE = Path(__file__).parents[2] / "docs/lsl_picture.py"
@@ -28,15 +28,6 @@ id = "mirror"
 driver = "lsl"
 source_id = "truerate/{WARD}/chest/raw"
 """
-
-
-def until(true: Callable[[], bool], ward: Ward) -> None:
-    """Wait until something is so."""
-    deadline = time.monotonic() + 30.0
-    while not true():
-        ward.check()
-        assert time.monotonic() < deadline, ward.log("lsl")
-        time.sleep(0.1)
 
 
 def rows(batches: list[CorrectedBatch], from_s: float) -> tuple[np.ndarray, np.ndarray]:
@@ -100,6 +91,7 @@ def test_streams_are_what_a_subscriber_gets(tmp_path: Path) -> None:
         ward.start("bridge")
         marked: list[tuple[str, float]] = []
         until(
+            "lsl",
             lambda: heard(markers, marked) and len({words.split()[0] for words, _ in marked if "reboot" in words}) == 2,
             ward,
         )
