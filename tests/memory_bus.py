@@ -117,15 +117,9 @@ class MemoryBus:
         return self._attached and self.broker.running and not self._closed
 
     def detach(self) -> None:
-        """Begin an outage of this bus alone."""
+        """Begin an outage of this bus alone, for good."""
         with self.broker.lock:
             self._attached = False
-            self.broker.settle()
-
-    def attach(self) -> None:
-        """End it."""
-        with self.broker.lock:
-            self._attached = True
             self.broker.settle()
 
     def reaches(self, other: "MemoryBus") -> bool:

@@ -7,10 +7,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bridge.cli.parser import Verbs, add_verb
+from bridge.cli.reading_options import add_reading
 from bridge.config.schema import ConfigError
 from bridge.terminal.console import plain_console
 from estimator.cli import picture_file
-from estimator.cli.recording_options import HOLDS, add_choice, recorded
+from estimator.cli.recording_options import HOLDS, recorded
 from estimator.noise.device_model import load_model
 
 if TYPE_CHECKING:
@@ -31,10 +32,11 @@ examples:
 
 def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     """Add the verb `allan FILE` to the command line."""
-    verb = add_verb(verbs, "allan", _allan, "measure a device's noise from a recording at rest (Allan deviation)")
-    verb.epilog, verb.formatter_class = ALLAN, argparse.RawDescriptionHelpFormatter
+    verb = add_verb(
+        verbs, "allan", _allan, "measure a device's noise from a recording at rest (Allan deviation)", ALLAN
+    )
     verb.add_argument("file", type=Path, help="a recording: .npz, .mcap, or a text file of any tool; see below")
-    add_choice(verb)
+    add_reading(verb)
     verb.add_argument("--json", action="store_true", help="one JSON object instead of a table and a picture")
     verb.add_argument(
         "--picture", type=Path, metavar="FILE", help="draw the Allan deviation here (default: out/allan.png)"

@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING
 from rich.console import Console
 
 from bridge.cli.parser import Verbs, add_verb
+from bridge.cli.reading_options import add_reading
 from bridge.config.schema import ConfigError
 from bridge.reasons.catalogue import english
 from bridge.terminal.console import plain_console
 from bridge.wire.messages import Calibration, Verdict
 from estimator.cli.calibrate_live import add_live, live
-from estimator.cli.recording_options import HOLDS, add_choice, check_range, gyro_range, recorded
+from estimator.cli.recording_options import HOLDS, check_range, gyro_range, recorded
 from estimator.noise.device_model import load_model
 
 if TYPE_CHECKING:
@@ -55,8 +56,8 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
         "calibrate",
         _calibrate,
         "calibrate a gyroscope from a recording of rests and turns (.npz, .mcap, .csv and other text), or live",
+        METHODS,
     )
-    verb.epilog, verb.formatter_class = METHODS, argparse.RawDescriptionHelpFormatter
     verb.add_argument(
         "file", type=Path, nargs="?", help="a recording: .npz, .mcap, or a text file of any tool; see below"
     )
@@ -78,7 +79,7 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     verb.add_argument(
         "--json", action="store_true", help="print one JSON object: matrix, bias_rad_s, covariance, verdict, turns …"
     )
-    add_choice(verb)
+    add_reading(verb)
     verb.add_argument(
         "--range-dps", type=float, default=0.0, metavar="DPS", help="full-scale range in °/s, to detect clipping"
     )

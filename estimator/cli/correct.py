@@ -5,11 +5,12 @@ import json
 from pathlib import Path
 
 from bridge.cli.parser import Verbs, add_verb
+from bridge.cli.reading_options import add_reading
 from bridge.config.schema import ConfigError
 from bridge.terminal.console import plain_console
 from bridge.terminal.progress import Bar
 from estimator.cli import picture_file
-from estimator.cli.recording_options import HOLDS, add_choice, check_range, gyro_range, recorded
+from estimator.cli.recording_options import HOLDS, check_range, gyro_range, recorded
 from estimator.noise.device_model import load_model, model_stated
 
 HELP = f"""{HOLDS}
@@ -56,8 +57,8 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
         "correct",
         _correct,
         "correct a recording (.npz, .mcap, .csv and other text) as a ward would: rates, bias, standard deviations, quality",
+        HELP,
     )
-    verb.epilog, verb.formatter_class = HELP, argparse.RawDescriptionHelpFormatter
     verb.add_argument("file", type=Path, metavar="IN", help="a recording, a file or a folder; see below")
     verb.add_argument(
         "out",
@@ -94,7 +95,7 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
         "--picture", type=Path, metavar="FILE", help="draw rates, bias, quality and temperature (.png, .svg, .pdf)"
     )
     verb.add_argument("--json", action="store_true", help="print one JSON object")
-    add_choice(verb)
+    add_reading(verb)
     verb.add_argument(
         "--range-dps", type=float, default=0.0, metavar="DPS", help="full-scale range in °/s, to detect clipping"
     )

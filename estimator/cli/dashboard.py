@@ -15,8 +15,7 @@ may give commands there."""
 
 def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     """Add the verb `dashboard` to the command line."""
-    verb = add_verb(verbs, "dashboard", _dashboard, "serve the ward's pages to browsers")
-    verb.epilog = _EXAMPLE
+    verb = add_verb(verbs, "dashboard", _dashboard, "serve the ward's pages to browsers", _EXAMPLE)
     verb.add_argument("--config", type=Path, help="the ward file: names the ward, its routers and [dashboard]")
     verb.add_argument("--ward", help="the ward's name (default: from the ward file, else 'ward')")
     verb.add_argument(

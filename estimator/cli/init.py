@@ -34,8 +34,7 @@ _HERE, _DATA, _DEFAULTS = Path("/etc/truerate"), Path("/var/lib/truerate"), Path
 def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     """Add the verb `init` to the command line."""
     does = "set up a ward on this machine: ward file, certificates, people, services"
-    verb = add_verb(verbs, "init", _init, does)
-    verb.epilog, verb.formatter_class = _EXAMPLES, argparse.RawDescriptionHelpFormatter
+    verb = add_verb(verbs, "init", _init, does, _EXAMPLES)
     verb.add_argument("ward", metavar="WARD", help="name of the ward, such as ward-3")
     verb.add_argument(
         "--host",

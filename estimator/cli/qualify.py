@@ -29,9 +29,12 @@ examples:
 def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     """Add the verb `qualify` to the command line."""
     verb = add_verb(
-        verbs, "qualify", _qualify, "test this installation against a known truth, and write a report to sign"
+        verbs,
+        "qualify",
+        _qualify,
+        "test this installation against a known truth, and write a report to sign",
+        _EXAMPLES,
     )
-    verb.epilog, verb.formatter_class = _EXAMPLES, argparse.RawDescriptionHelpFormatter
     verb.add_argument("config", type=Path, nargs="?", metavar="CONFIG", help="a ward file (.toml) to check as well")
     verb.add_argument("--out", type=Path, default=Path("qualification.md"), help="the report (default: %(default)s)")
 

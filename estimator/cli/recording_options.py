@@ -3,7 +3,7 @@
 import argparse
 from math import radians
 
-from bridge.cli.reading_options import add_reading, reading_of
+from bridge.cli.reading_options import reading_of
 from bridge.config.schema import ConfigError
 from bridge.recording import Recording, load
 
@@ -19,11 +19,6 @@ HOLDS = """recordings:
   .bag .db3 (ROS), .xdf, .ximu3, .h5, .parquet, .cwa, *_motion.tsv (BIDS), and the folders of ROS 2 bags, EuRoC and TUM VI. If a
          file holds several devices, topics or streams, the error lists them: choose one with --device.
   The file needs times, or give --rate-hz. A wrong rate gives a wrong scale."""
-
-
-def add_choice(verb: argparse.ArgumentParser) -> None:
-    """Add the options that say how to read a recording: what the file does not say, and which device and boot."""
-    add_reading(verb)
 
 
 def recorded(given: argparse.Namespace) -> Recording:

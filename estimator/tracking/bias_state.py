@@ -20,7 +20,7 @@ class BiasKnobs:
     #: rate random walk at a constant temperature, rad/s per root second
     rate_random_walk: float = radians(8e-4)
     #: additional walk at power-up, rad/s per root second, while no temperature reading explains the warming; and its time
-    #: constant, s: the device's own heat takes minutes, a wearer's skin ten (tests/bench/warming.py)
+    #: constant, s: the device's own heat takes minutes, a wearer's skin ten (tests/consistency/test_warming.py)
     warm_up_walk: float = radians(3e-3)
     warm_up_s: float = 600.0
     #: prior standard deviation of the slope, rad/s/K

@@ -8,7 +8,7 @@ QUASI_STATIC = radians(0.003)
 UNPROVEN = radians(0.1)
 #: rad/s, the same without an accelerometer: so much a person sways who stands for a moment (tests/bench/honesty.py); and
 #: before any proven rest of an unknown bias: half a breath at power-up shut out the truth for minutes
-#: (tests/bench/warming.py: seed 16, begun late)
+#: (tests/consistency/test_warming.py; seed 16, begun late)
 UNPROVEN_AT_MOST = radians(0.19)
 PROVEN_AFTER = 4
 #: rad/s, the same in the last second of a rest: a movement may begin too gently for a gyro alone

@@ -14,18 +14,18 @@ from bridge.terminal.tables import Column, Columns
 
 GROUPS = {
     "calibration": ("closure_honesty",),
-    "tracking": ("tracking", "cost", "warming", "honesty"),
+    "tracking": ("tracking", "cost", "honesty"),
     "broad": ("real_movement",),
     "orientation": ("orientation",),
     "load": ("load",),
     "bridge": ("reload",),
     "cluster": ("cluster",),
     "network": ("network",),
-    "faults": ("suffering", "estimator_kills", "store_faults", "router_kills"),
+    "faults": ("suffering", "estimator_kills", "store_faults", "router_kills", "kills"),
     "hostile": ("access", "attacks"),
     "outlets": ("lsl", "stream", "foxglove", "per_sample"),
-    "storage": ("storage",),
-    "viewers": ("subscribing", "dashboard", "newcomer", "agreement", "kills"),
+    "storage": ("storage", "reading"),
+    "viewers": ("subscribing", "dashboard", "newcomer", "agreement"),
 }
 OUT = Path("out/bench")
 

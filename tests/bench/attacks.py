@@ -15,16 +15,14 @@ import random
 import re
 import signal
 import socket
-import subprocess
 import sys
 import tempfile
 import threading
 import time
 import urllib.parse
 from collections import defaultdict
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
-from multiprocessing.synchronize import Event
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -35,42 +33,21 @@ from bridge.wire import codec, keys
 from estimator.demo.ward import free_port, listens
 from estimator.web.app import routes as application_routes
 from estimator.web.passwords import hashed
-from tests.bench.load.stream import WARD, Fleet, name
-from tests.bench.suffering import Healthy, process
+from tests.bench.load.receiver import Receiver
+from tests.bench.load.stream import WARD, name
+from tests.bench.programs import CLI, estimator, program, router, rss_mb, ward_file
+from tests.bench.suffering import longest_silence_s
 from tests.estimator.stream import calibration
 from tests.web.talk import about
 
 DEVICES, PASSWORD = 12, "correct horse battery"
 INVENTED, MESSAGES, BURST_S, INFOS = 6000, 12, 5.0, 2000
 PICTURES, BRACKETS, POLLERS = 480, 60_000, 50
-#: goals: s, s, s, s, share of the memory before, s
-PAGE_S, LOGIN_S, PICTURE_S, HOLE_S, GROWN, STOP_S = 1.0, 2.0, 3.0, 0.3, 0.1, 5.0
+#: goals, s: of answers, of a hole, of stopping; and of the memory before
+GOALS_S = {"page": 1.0, "login": 2.0, "picture": 3.0, "hole": 0.3, "stop": 5.0}
+GROWN = 0.1
 #: the ward runs for so long first, until its caches are full; memory is looked at so long after the attack
 QUIET_S, MEMORY_S = 40.0, 120.0
-
-
-@dataclass(slots=True)
-class Seen:
-    """The longest that each thing took, s, and what failed; by whom it was asked."""
-
-    worst: dict[str, float] = field(default_factory=lambda: defaultdict(float))
-    failed: list[str] = field(default_factory=list)
-
-    def asked(self, what: str, ask: Callable[[], tuple[int, bytes]], *good: int) -> None:
-        began = time.monotonic()
-        try:
-            status, body = ask()
-        except OSError as error:
-            status, body = 0, repr(error).encode()
-        self.worst[what] = max(self.worst[what], time.monotonic() - began)
-        if status not in good:
-            self.failed.append(f"{what}: {status} {body[:80]!r}")
-
-
-def rss_mb(process: subprocess.Popen[bytes]) -> float:
-    """Resident memory of a process."""
-    fields = Path(f"/proc/{process.pid}/status").read_text(encoding="utf-8").split()
-    return int(fields[fields.index("VmRSS:") + 1]) / 1024
 
 
 @dataclass(slots=True)
@@ -82,19 +59,13 @@ class Place:
     seconds: float
 
 
-def get(port: int, path: str, timeout_s: float = 60.0) -> tuple[int, bytes]:
-    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=timeout_s)
-    with contextlib.closing(connection):
-        connection.request("GET", path)
-        answer = connection.getresponse()
-        return answer.status, answer.read()
-
-
-def log_in(port: int) -> tuple[int, bytes]:
+def ask(
+    port: int, path: str, verb: str = "GET", body: bytes = b"", headers: Mapping[str, str] | None = None
+) -> tuple[int, bytes]:
+    """Status and content of an answer."""
     connection = http.client.HTTPConnection("127.0.0.1", port, timeout=60)
     with contextlib.closing(connection):
-        body = urllib.parse.urlencode({"name": "nurse", "password": PASSWORD, "to": "/"})
-        connection.request("POST", "/login", body, {"Content-Type": "application/x-www-form-urlencoded"})
+        connection.request(verb, path, body or None, headers or {})
         answer = connection.getresponse()
         return answer.status, answer.read()
 
@@ -138,7 +109,7 @@ def infos(at: Place) -> None:
 def brackets(at: Place) -> None:
     """One request with a pattern that is dear to match."""
     with contextlib.suppress(OSError):
-        get(at.web, f"/api/v1/devices?only={'[' * BRACKETS}", BURST_S)
+        ask(at.web, f"/api/v1/devices?only={'[' * BRACKETS}")
 
 
 def pictures(at: Place) -> None:
@@ -156,10 +127,8 @@ def polls(at: Place) -> None:
 
     def poll() -> None:
         while time.monotonic() < until:
-            connection = http.client.HTTPConnection("127.0.0.1", at.web, timeout=60)
-            with contextlib.closing(connection), contextlib.suppress(OSError, http.client.HTTPException):
-                connection.request("GET", "/api/v1/stream?after=&wait_s=0", headers={"Accept-Encoding": "gzip"})
-                connection.getresponse().read()
+            with contextlib.suppress(OSError, http.client.HTTPException):
+                ask(at.web, "/api/v1/stream?after=&wait_s=0", headers={"Accept-Encoding": "gzip"})
 
     pollers = [threading.Thread(target=poll) for _ in range(POLLERS)]
     for poller in pollers:
@@ -169,76 +138,60 @@ def polls(at: Place) -> None:
 
 
 def routes(at: Place) -> None:
-    """Every route and parameter with long, nested and repeated input; raises RuntimeError where an answer takes long."""
-    rng, until, worst, asked = random.Random(1), time.monotonic() + at.seconds, 0.0, 0
+    """Every route and parameter with long, nested and repeated input; ends with exit code 1 where an answer takes long."""
+    rng, until, asked, slow = random.Random(1), time.monotonic() + at.seconds, 0, dict[str, float]()
     paths = [route.path for route in application_routes() if isinstance(route, Route)] + ["/static/{device}", "/live"]
-    slow = dict[str, float]()
     while time.monotonic() < until:
-        path = re.sub(
-            r"\{(\w+)\}",
-            lambda found: name(0) if found[1] == "device" and rng.random() < 0.5 else nasty(rng),
-            rng.choice(paths),
-        )
+        path = re.sub(r"\{\w+\}", lambda _: rng.choice((name(0), nasty(rng))), rng.choice(paths))
         parameters = "&".join(f"{rng.choice(PARAMETERS)}={nasty(rng)}" for _ in range(rng.choice((0, 1, 1, 2, 50))))
-        body = rng.choice(
-            (
-                b"",
-                nasty(rng).encode(),
-                b"words=" + nasty(rng).encode(),
-                b"{" * 15_000,
-                b'{"words":"' + nasty(rng).encode(),
-            )
-        )
-        headers = {
-            "Content-Type": rng.choice(("application/json", "application/x-www-form-urlencoded", nasty(rng)[:200])),
-            rng.choice(("Cookie", "Accept-Language", "Authorization", "X-Csrf-Token", "If-None-Match")): nasty(rng)[
-                :8000
-            ],
-        }
-        connection = http.client.HTTPConnection("127.0.0.1", at.web, timeout=60)
+        body = rng.choice(("", nasty(rng), f"words={nasty(rng)}", "{" * 15_000, '{"words":"' + nasty(rng)))
+        kinds = ("application/json", "application/x-www-form-urlencoded", nasty(rng)[:200])
+        headers = {"Content-Type": rng.choice(kinds), rng.choice(HEADERS): nasty(rng)[:8000]}
         began = time.monotonic()
-        with contextlib.closing(connection), contextlib.suppress(OSError, http.client.HTTPException):
-            connection.request(rng.choice(("GET", "GET", "POST", "HEAD")), f"{path}?{parameters}", body, headers)
-            connection.getresponse().read()
-        took, asked = time.monotonic() - began, asked + 1
-        if took > (PICTURE_S if path.endswith(".png") else PAGE_S):
-            slow[f"{path[:60]}?{parameters[:60]}"] = took
-        worst = max(worst, took)
-    print(f"routes: {asked} requests, the longest answer took {worst:.2f} s; over {PAGE_S:g} s: {slow}", flush=True)
+        with contextlib.suppress(OSError, http.client.HTTPException):
+            ask(at.web, f"{path}?{parameters}", rng.choice(("GET", "GET", "POST", "HEAD")), body.encode(), headers)
+        took_s, asked = time.monotonic() - began, asked + 1
+        if took_s > GOALS_S["picture" if path.endswith(".png") else "page"]:
+            slow[f"{path[:60]}?{parameters[:60]}"] = took_s
+    print(f"routes: {asked} requests; slow: {slow}", flush=True)
     if slow:
         sys.exit(1)
 
 
+#: dear to somebody, as it stands in an address
+_NASTY = (
+    *(
+        "[",
+        "*",
+        "*a",
+        "(",
+        "../",
+        "%2e%2e%2f",
+        "%00",
+        "a",
+        "0",
+        "9",
+        "{",
+        "%ff",
+        "?",
+        ";",
+        "=",
+        ",",
+        "-",
+        ".",
+        "x;q=0.1,",
+    ),
+    *("%F0%9F%92%A9", "%0d%0a"),
+)
+
+
 def nasty(rng: random.Random) -> str:
-    """Text of a kind that is dear to somebody, as it stands in an address."""
-    unit = rng.choice(
-        (
-            "[",
-            "*",
-            "*a",
-            "(",
-            "../",
-            "%2e%2e%2f",
-            "%00",
-            "a",
-            "0",
-            "9",
-            "{",
-            "%ff",
-            "?",
-            ";",
-            "=",
-            ",",
-            "%F0%9F%92%A9",
-            "-",
-            ".",
-            "x;q=0.1,",
-            "%0d%0a",
-        )
-    )
+    """Text of one such kind, again and again."""
+    unit = rng.choice(_NASTY)
     return unit * rng.choice((1, 2, 30, 64, 300, 1000, 10_000 // len(unit)))
 
 
+HEADERS = ("Cookie", "Accept-Language", "Authorization", "X-Csrf-Token", "If-None-Match")
 PARAMETERS = ("only", "before", "limit", "to", "lang", "words", "x")
 ATTACKS: dict[str, Callable[[Place], None]] = {
     "nobody": nobody,
@@ -254,94 +207,65 @@ ATTACKS: dict[str, Callable[[Place], None]] = {
 # ---- the ward --------------------------------------------------------------------------------------------------------
 
 
-def send(endpoint: str, stop: Event) -> None:
-    """What a bridge would, in a process of its own."""
-    fleet = Fleet(DEVICES, 104.0, 5)
-    with ZenohBus([endpoint]) as bus:
-        publishers = [bus.publisher(key, cache=100) for key in fleet.keys]
-        due, number = time.monotonic(), 0
-        while not stop.is_set():
-            for i, payload in fleet.round(number, time.time_ns()):
-                publishers[i].put(payload)
-            number += 1
-            due += fleet.period_s
-            time.sleep(max(0.0, due - time.monotonic()))
+class Visitor(threading.Thread):
+    """Asks every second; keeps the longest that each thing took, s, and what failed."""
 
+    def __init__(self, web: int, health: int) -> None:
+        super().__init__(daemon=True)
+        self._web, self._health = web, health
+        self.worst: dict[str, float] = defaultdict(float)
+        self.failed: list[str] = []
+        self._over = threading.Event()
 
-@contextlib.contextmanager
-def bridge(endpoint: str) -> Iterator[None]:
-    spawned = multiprocessing.get_context("spawn")
-    stop = spawned.Event()
-    sending = spawned.Process(target=send, args=(endpoint, stop), daemon=True)
-    sending.start()
-    try:
-        yield
-    finally:
-        stop.set()
-        sending.join(10)
-        sending.kill()
+    def run(self) -> None:
+        n = 0
+        while not self._over.wait(1.0):
+            n += 1
+            self._asked("page", 200, self._web, "/")
+            if n % 3 == 0:
+                words = urllib.parse.urlencode({"name": "nurse", "password": PASSWORD, "to": "/"}).encode()
+                self._asked("login", 303, self._web, "/login", words)
+            if n % 5 == 0:
+                self._asked("picture", 200, self._web, f"/devices/{name(0)}/bias.png")
+            self._asked("readyz", 200, self._health, "/readyz")
 
+    def _asked(self, what: str, good: int, port: int, path: str, form: bytes = b"") -> None:
+        began = time.monotonic()
+        headers = {"Content-Type": "application/x-www-form-urlencoded"} if form else {}
+        try:
+            status, content = ask(port, path, "POST" if form else "GET", form, headers)
+        except OSError as error:
+            status, content = 0, repr(error).encode()
+        self.worst[what] = max(self.worst[what], time.monotonic() - began)
+        if status != good:
+            self.failed.append(f"{what}: {status} {content[:80]!r}")
 
-def visit(web: int, health: int, seen: Seen, over: threading.Event) -> None:
-    n = 0
-    while not over.wait(1.0):
-        n += 1
-        seen.asked("page", lambda: get(web, "/"), 200)
-        if n % 3 == 0:
-            seen.asked("login", lambda: log_in(web), 303)
-        if n % 5 == 0:
-            seen.asked("picture", lambda: get(web, f"/devices/{name(0)}/bias.png"), 200)
-        seen.asked("readyz", lambda: get(health, "/readyz"), 200)
-
-
-def holes(heard: list[tuple[int, str, bytes]], until_ns: int) -> dict[str, float]:
-    """Of each real device the longest time in which nothing of it came, s."""
-    last: dict[str, int] = {}
-    found = dict.fromkeys((name(i) for i in range(DEVICES)), 0.0)
-    for now_ns, key, _ in heard:
-        device = key.rpartition("/")[2]
-        if device in found:
-            found[device] = max(found[device], (now_ns - last.get(device, now_ns)) / 1e9)
-            last[device] = now_ns
-    return {device: max(hole, (until_ns - last.get(device, heard[0][0])) / 1e9) for device, hole in found.items()}
+    def close(self) -> None:
+        self._over.set()
+        self.join(120)
 
 
 def run(which: str, after_s: float, fuzz_s: float) -> list[str]:
     """What was not reached."""
     with tempfile.TemporaryDirectory() as place, contextlib.ExitStack() as stack:
-        folder, endpoint = Path(place), f"tcp/127.0.0.1:{free_port()}"
-        web, health = free_port(), free_port()
-        config = folder / "ward.toml"
-        config.write_text(
-            f'ward = "{WARD}"\n[bus]\nconnect = ["{endpoint}"]\n[router]\nlisten = ["{endpoint}"]\n'
-            f'[estimator]\nid = "e"\nstore = "{folder}/store.sqlite3"\nhealth = "127.0.0.1:{health}"\n'
-            f'[dashboard]\nlisten = "127.0.0.1:{web}"\n'
-            f'[[dashboard.people]]\nname = "nurse"\npassword = "{hashed(PASSWORD)}"\n'
-        )
-        stack.enter_context(process("estimator.cli.main", "router", "--config", str(config), log=folder / "router.log"))
-        if not listens(endpoint, 20.0):
-            raise RuntimeError("the router does not listen")
-        log = folder / "estimator.log"
-        estimator = stack.enter_context(process("estimator.cli.main", "estimator", "serve", str(config), log=log))
-        dashboard = stack.enter_context(
-            process("estimator.cli.main", "dashboard", "--config", str(config), log=folder / "dashboard.log")
-        )
-        until = time.monotonic() + 40
-        while "serves ward" not in log.read_text() or not listens(f"tcp/127.0.0.1:{web}", 1.0):
-            if time.monotonic() > until:
-                raise RuntimeError(log.read_text() + (folder / "dashboard.log").read_text())
-            time.sleep(0.1)
-        healthy = Healthy(endpoint)
+        folder, endpoint, web, health = Path(place), f"tcp/127.0.0.1:{free_port()}", free_port(), free_port()
+        file = ward_file(
+            folder, WARD, endpoint,
+            f'health = "127.0.0.1:{health}"\n[dashboard]\nlisten = "127.0.0.1:{web}"\n'
+            f'[[dashboard.people]]\nname = "nurse"\npassword = "{hashed(PASSWORD)}"\n',
+        )  # fmt: skip
+        stack.enter_context(router(file, endpoint))
+        serving = stack.enter_context(estimator(file))
+        page = stack.enter_context(program(CLI, "dashboard", "--config", str(file), log=folder / "dashboard.log"))
+        listens(f"tcp/127.0.0.1:{web}", 40.0)
+        healthy, visitor = Receiver(endpoint), Visitor(web, health)
         stack.callback(healthy.close)
-        stack.enter_context(bridge(endpoint))
-        seen, over, calm = Seen(), threading.Event(), Seen()
+        words = [endpoint, str(DEVICES), "104.0", "5", "paced", str(QUIET_S + 300.0 + fuzz_s + after_s), "0"]
+        stack.enter_context(program("tests.bench.load.sender", *words))
         time.sleep(QUIET_S)
-        visit_once(web, health, calm)
-        before = {"estimator": rss_mb(estimator), "dashboard": rss_mb(dashboard)}
-        healthy.heard.clear()
-        visitor = threading.Thread(target=visit, args=(web, health, seen, over), daemon=True)
+        before = [rss_mb(each.pid) for each in (serving, page)]
+        since_ns = time.time_ns()
         visitor.start()
-        began = time.monotonic()
         attacker = multiprocessing.get_context("spawn").Process(
             target=ATTACKS[which], args=(Place(endpoint, web, fuzz_s),)
         )
@@ -349,50 +273,24 @@ def run(which: str, after_s: float, fuzz_s: float) -> list[str]:
         attacker.join(120 + fuzz_s)
         attacker.kill()
         time.sleep(min(after_s, MEMORY_S))
-        after = {"estimator": rss_mb(estimator), "dashboard": rss_mb(dashboard)}
+        after = [rss_mb(each.pid) for each in (serving, page)]
         time.sleep(max(0.0, after_s - MEMORY_S))
-        longest = holes(healthy.heard, time.time_ns())
-        over.set()
-        visitor.join(120)
-        lasted = time.monotonic() - began
-        status, page = get(web, "/")
+        holes = longest_silence_s(healthy.heard, {name(i) for i in range(DEVICES)}, since_ns, time.time_ns())
+        visitor.close()
         stopping = time.monotonic()
-        estimator.send_signal(signal.SIGINT)
-        estimator.wait(120)
-        stopped_s = time.monotonic() - stopping
-        worst = {what: round(seen.worst[what], 2) for what in ("page", "login", "picture", "readyz")}
-        print(f"{which}, {lasted:.0f} s:")
-        print(f"  quiet, first asked: { {what: round(s, 2) for what, s in calm.worst.items()} }")
-        print(f"  worst, s: {worst}; hole {max(longest.values()):.2f} s; stopped in {stopped_s:.1f} s")
-        print(
-            f"  MB before: { {k: round(v) for k, v in before.items()} }, after: { {k: round(v) for k, v in after.items()} }"
-        )
-        print(
-            f"  the page: {status}, {len(page)} bytes, all devices on it: {all(name(i).encode() in page for i in range(DEVICES))}"
-        )
-        print(
-            f"  log: {len(log.read_bytes())} bytes, {len(log.read_text().splitlines())} lines; failed: {seen.failed[:5]}",
-            flush=True,
-        )
-        goals = {"page": PAGE_S, "login": LOGIN_S, "picture": PICTURE_S}
-        missed = [f"{what} {worst[what]:g} s (goal {goal:g})" for what, goal in goals.items() if worst[what] > goal]
-        missed += [f"hole of {max(longest.values()):.2f} s (goal {HOLE_S:g})"] * (max(longest.values()) > HOLE_S)
-        missed += [
-            f"{who} {before[who]:.0f} MB before, {after[who]:.0f} after"
-            for who in before
-            if after[who] > (1 + GROWN) * before[who]
-        ]
-        missed += [f"stopped in {stopped_s:.1f} s (goal {STOP_S:g})"] * (stopped_s > STOP_S)
-        missed += ["an answer took longer than 1 s"] * bool(attacker.exitcode)
-        missed += seen.failed[:3]
-        return missed
-
-
-def visit_once(web: int, health: int, seen: Seen) -> None:
-    seen.asked("page", lambda: get(web, "/"), 200)
-    seen.asked("login", lambda: log_in(web), 303)
-    seen.asked("picture", lambda: get(web, f"/devices/{name(0)}/bias.png"), 200)
-    seen.asked("readyz", lambda: get(health, "/readyz"), 200)
+        serving.send_signal(signal.SIGINT)
+        serving.wait(120)
+        worst = {**visitor.worst, "hole": max(holes.values()), "stop": time.monotonic() - stopping}
+    print(f"{which}: worst, s: { {what: round(s, 2) for what, s in worst.items()} }; ", end="")
+    print(f"estimator and dashboard, MB, before {before}, after {after}; failed: {visitor.failed[:5]}", flush=True)
+    missed = [
+        f"{what} {worst[what]:.2f} s (goal {goal:g})" for what, goal in GOALS_S.items() if worst.get(what, 0.0) > goal
+    ]
+    missed += [
+        f"{was:.0f} MB, then {now:.0f}" for was, now in zip(before, after, strict=True) if now > (1 + GROWN) * was
+    ]
+    missed += ["an answer took longer than its goal"] * bool(attacker.exitcode)
+    return missed + visitor.failed[:3]
 
 
 def main() -> int:

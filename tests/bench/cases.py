@@ -1,7 +1,7 @@
 """What bias trackers are tried on, and how they are judged: BROAD as recorded and as made harder, days on a ward, slow turns."""
 
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from bridge.sim.body import Activity
 from bridge.sim.quaternion import up_in_body
 from tests.bench import broad
-from tests.bench.optical import bias_by_optics, drift_deg_per_min, level_force, matrix_of
-from tests.bench.trackers import Floats, Prior, Track, ours
+from tests.bench.optical import matrix_of
+from tests.bench.trackers import Floats, Prior, Track
 from tests.sim.day import Day, simulate_day
 from tests.sim.scenes import slow_turn
 
@@ -24,7 +24,6 @@ _FIRST_REST_S = 60.0
 ERROR = "Bias error, °/s rms per axis"
 COVERED = "Share of a day's true bias within ±1.96 σ, %"
 KEPT = "Share of a minute's slow turn kept, %"
-DRIFT = "Heading drift in BROAD, °/min, median"
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,27 +36,11 @@ class Row:
     goal: float
     goal_smoothed: float
 
-    @property
-    def unit(self) -> str:
-        """Of its values."""
-        return {ERROR: "°/s", DRIFT: "°/min"}.get(self.group, "%")
-
-    @property
-    def median(self) -> bool:
-        """Of its cases, where the others take the mean."""
-        return self.group == DRIFT
-
-    def summary(self, values: list[float]) -> float:
-        """Of all its cases."""
-        return float(np.median(values) if self.median else np.mean(values))
-
     def furthest(self, values: list[float]) -> float | None:
         """The case furthest off, where cases err to both sides and their mean hides it."""
         return max(values, key=lambda value: abs(value - 100), default=None) if self.group == KEPT else None
 
 
-#: what sees the optical orientation: in place of the accelerometer, and to take linear acceleration out of its readings
-OPTICS, LEVEL = LIMITS = ("optics", "truerate unpushed")
 NONE = float("nan")
 #: the goals of the project; NaN where it has none
 ROWS = (
@@ -80,8 +63,6 @@ ROWS = (
         for how in ("on a table", "breathing")
         for rate in TURN_RATES_DPS
     ),
-    Row("BROAD heading drift", "as recorded", DRIFT, NONE, NONE),
-    Row("BROAD with 3×3 heading drift", "with 3×3", DRIFT, 1.0, NONE),
 )
 
 
@@ -98,16 +79,10 @@ class Case:
     judge: Callable[[Track], dict[str, float]]
     activity: NDArray[np.int8] | None = None
     prior: Prior | None = None
-    #: what could be known at best, where something better than the sensors was there, by the names of LIMITS
-    limits: Mapping[str, Callable[[], Track | None]] = field(default_factory=dict)
 
 
 #: what the 3×3 of another trial, and a calibration by hand, leave of scale and misalignment, relative
 _BY_OTHER_TRIAL, _BY_HAND = 1e-3, 2e-3
-#: scenarios in which little but the movement itself tells of the bias
-_LIMITED = broad.SCENARIOS[1:3]
-#: rad/s per root s, how the bias wanders: as such gyros do, and so that the ramp is followed best
-_WALK, _RAMP_WALK = np.radians(7e-4), np.radians(3e-3)
 
 
 def broad_cases() -> Iterator[Case]:
@@ -125,30 +100,9 @@ def _broad_case(prefix: str, name: str, trial: broad.Trial, prior: Prior | None 
     changed = broad.scenario(name, trial)
 
     def judge(track: Track) -> dict[str, float]:
-        worth = {f"{prefix} {name}": changed.rmse_dps(track.bias)}
-        if name == broad.SCENARIOS[0]:
-            worth[f"{prefix} heading drift"] = drift_deg_per_min(changed, track.bias)
-        return worth
+        return {f"{prefix} {name}": changed.rmse_dps(track.bias)}
 
-    def by_optics() -> Track:
-        walk = _RAMP_WALK if name.startswith("ramp") else _WALK
-        return Track(bias_by_optics(changed, matrix_of([trial]), walk, Prior().bias_std))
-
-    def unpushed() -> Track | None:
-        return ours(changed.gyro, level_force(changed), None, changed.rate_hz, prior)
-
-    limits = {OPTICS: by_optics, LEVEL: unpushed} if name in _LIMITED else {}
-    return Case(
-        trial.name,
-        changed.rate_hz,
-        changed.gyro,
-        changed.accel,
-        None,
-        changed.bias,
-        judge,
-        prior=prior,
-        limits=limits,
-    )
+    return Case(trial.name, changed.rate_hz, changed.gyro, changed.accel, None, changed.bias, judge, prior=prior)
 
 
 def day_cases(days: int, hours: float) -> Iterator[Case]:

@@ -2,14 +2,12 @@
 
 Seconds from the start of the new process to the first GOOD corrected sample at a subscriber, of any device (goal 2 s), and
 beside them to that of the last device; what was not gone on with: calibration, bias and how surely it is known, samples,
-acknowledged calibrations, the store. And what starting the interpreter costs.
+acknowledged calibrations, the store.
 """
 
 import argparse
-import subprocess
 import sys
 import tempfile
-import time
 from pathlib import Path
 
 import numpy as np
@@ -18,19 +16,6 @@ from rich.console import Console
 from tests.ward.killed import HEARD_S, Kill, killed
 
 GOAL_S = 2.0
-_COMMAND = "from estimator.cli.main import build; build('estimator'); from estimator.service import serve"
-_STARTS = {
-    "an interpreter": "pass",
-    "and numpy, zenoh": "import numpy, zenoh",
-    "and the command": _COMMAND,
-    "and the service": f"{_COMMAND}; kernels = serve._load(); serve._load_service(); kernels.result()",
-}
-
-
-def _started(code: str) -> float:
-    began = time.perf_counter()
-    subprocess.run([sys.executable, "-c", code], check=True)
-    return time.perf_counter() - began
 
 
 def main() -> int:
@@ -44,15 +29,12 @@ def main() -> int:
     args = parser.parse_args()
     console = Console()
     kills: list[Kill] = []
-    starts: dict[str, list[float]] = {what: [] for what in _STARTS}
     with tempfile.TemporaryDirectory() as folder:
         for kill in killed(Path(folder), args.kills, args.steady, args.restless, args.seed, away_s=args.away):
             kills.append(kill)
             for fault in kill.faults:
                 console.print(f"kill {len(kills)}: {fault}", style="red")
             if len(kills) % 10 == 1:
-                for what, code in _STARTS.items():  # under the same load
-                    starts[what].append(_started(code))
                 console.print(
                     f"{len(kills)} of {args.kills}: {kill.first_s:.2f} s, all {kill.all_s:.2f} s", style="dim"
                 )
@@ -63,8 +45,6 @@ def main() -> int:
     ):
         p50, p95 = np.percentile(seconds, (50, 95))
         console.print(f"{what}: median {p50:.2f} s, p95 {p95:.2f} s, worst {seconds.max():.2f} s{goal}")
-    for what, seconds_of in starts.items():
-        console.print(f"of which {what}: median {np.median(seconds_of):.2f} s, worst {max(seconds_of):.2f} s")
     spent = np.array([kill.cpu_s for kill in kills])
     console.print(
         f"processor time until the first GOOD sample: median {np.median(spent):.2f} s, worst {spent.max():.2f} s"

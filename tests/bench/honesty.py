@@ -4,17 +4,15 @@ White noise, a bias that is a random walk of the strength the tracker is told, t
 begins with an honest deviation. At the end of a scene, and on the way: the mean over every second of it. The band is that
 of so many independent seeds; on the way each seed counts as one, though its seconds make it scatter less. What is outside is
 marked with "!", and looked at again with four times as many other seeds: of 44 values one or two are outside by chance.
-(*): more than the filter's model holds. Writes out/honesty.json. `make bench-tracking`.
+(*): more than the filter's model holds. `make bench-tracking`.
 """
 
 import argparse
-import json
 import sys
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor, ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -182,7 +180,6 @@ def main() -> int:
     asked = argparse.ArgumentParser(description=__doc__)
     asked.add_argument("--seeds", type=int, default=200, help="of each scene")
     asked.add_argument("--first", type=int, default=0, help="seed to begin with")
-    asked.add_argument("--out", type=Path, default=Path("out"))
     wanted, _ = asked.parse_known_args()  # --hours and --days are for those beside it
     console = Console()
     console.width = max(console.width, 100)
@@ -195,7 +192,6 @@ def main() -> int:
     )
     for heading in ("", "", "at the end", "on the way", "error, °/s rms", "in ±1.96 σ, %"):
         table.add_column(heading, justify="right" if heading else "left", no_wrap=True)
-    found: list[dict[str, object]] = []
 
     def looked_at(name: str, seeds: range, *, accel: bool) -> bool:
         """Whether it is inside."""
@@ -206,8 +202,6 @@ def main() -> int:
         again = seeds.start > wanted.first
         what = f"{len(seeds)} other seeds" if again else "accelerometer-aided" if accel else "gyro only"
         table.add_row(name if accel and not again else "", what, *marked, f"{rms:.4f}", f"{100 * score.within:.1f}")
-        same = {"end": score.end, "way": score.way, "within": score.within}
-        found.append({"scene": name, "accel": accel, "seeds": len(seeds), **same, "rms_dps": rms})
         return all(inside)
 
     first, then = wanted.first, wanted.first + wanted.seeds
@@ -217,10 +211,6 @@ def main() -> int:
             if not looked_at(name, range(first, then), accel=accel):
                 looked_at(name, range(then, then + 4 * wanted.seeds), accel=accel)
     console.print(table)
-    wanted.out.mkdir(parents=True, exist_ok=True)
-    shown = {"seeds": wanted.seeds, "band": (low, high), "scenes": found}
-    (wanted.out / "honesty.json").write_text(json.dumps(shown, indent=1) + "\n", encoding="utf-8")
-    console.print(f"{wanted.out / 'honesty.json'}")
     return 0
 
 

@@ -9,11 +9,10 @@ import argparse
 import contextlib
 import os
 import signal
-import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -22,147 +21,71 @@ from rich.console import Console
 
 from bridge.bus.zenoh_bus import ZenohBus
 from bridge.wire import codec, keys
-from bridge.wire.messages import (
-    BootCause,
-    CorrectedBatch,
-    DeviceInfo,
-    Quality,
-    SampleFlag,
-    State,
-    Status,
-)
+from bridge.wire.messages import SampleFlag
 from estimator.demo.ward import free_port
-from tests.bench.router_kills import ROUTER, running
+from tests.bench.programs import CLI, cpu_s, line, program
+from tests.bridge.recording.crowd import RATE_HZ, STEP, WARD, corrected, info, samples, status
 
-WARD, RATE_HZ, SAMPLES = "lsl", 104.0, 5
-GAP_AT_S, GAP, REBOOT_AT_S = 20.0, 37, 40.0
-SENDER = "from tests.bench.lsl import send; import sys; send(sys.argv[1], int(sys.argv[2]), float(sys.argv[3]), int(sys.argv[4]))"
+SAMPLES = 5
+GAP_AT, GAP, REBOOT_AT = round(20.0 * RATE_HZ), 37, round(40.0 * RATE_HZ)
 GOAL_S, GOAL_CORE = 1e-3, 0.15
-ZERO = np.full(3, 1e-3, np.float32)
 
 
 def time_ns(start_ns: int, number: NDArray[np.int64]) -> NDArray[np.int64]:
     """Host time of samples, by their number since the start."""
-    return np.asarray(start_ns + np.rint(number * (1e9 / RATE_HZ)).astype(np.int64), np.int64)
+    return start_ns + number * (STEP * 1000)
 
 
 def gone(device: int, number: int) -> bool:
     """Whether the device loses this sample: device 0, once."""
-    return device == 0 and 0 <= number - round(GAP_AT_S * RATE_HZ) < GAP
+    return device == 0 and 0 <= number - GAP_AT < GAP
 
 
 def send(endpoint: str, devices: int, seconds: float, start_ns: int) -> None:
     """Publish corrected batches as an estimator does, at the pace of their time."""
+    ids = [f"d{n:02d}" for n in range(devices)]
     with ZenohBus([endpoint]) as bus:
-        ids = [f"d{n:02d}" for n in range(devices)]
-        made = [bus.publisher(keys.build(WARD, "corrected", device=one), cache=400) for one in ids]
-        infos = [bus.publisher(keys.build(WARD, "info", bridge="b", device=one), cache=1) for one in ids]
-        statuses = [bus.publisher(keys.build(WARD, "status", device=one), cache=1) for one in ids]
-        print("up", flush=True)
+        put = {
+            (what, one): bus.publisher(keys.build(WARD, what, **ids_of, device=one), cache=cache).put
+            for what, ids_of, cache in (("corrected", {}, 400), ("info", {"bridge": "bridge-1"}, 1), ("status", {}, 1))
+            for one in ids
+        }
         for first in range(0, round(seconds * RATE_HZ), SAMPLES):
-            due_s = int(time_ns(start_ns, np.array([first + SAMPLES]))[0]) * 1e-9
+            due_s = (start_ns + (first + SAMPLES) * STEP * 1000) * 1e-9
             time.sleep(max(0.0, due_s - time.time()))
             for n, device in enumerate(ids):
-                boot, origin = (
-                    (2, round(REBOOT_AT_S * RATE_HZ)) if n == 1 and first >= REBOOT_AT_S * RATE_HZ else (1, 0)
-                )
+                boot, origin = (2, REBOOT_AT) if n == 1 and first >= REBOOT_AT else (1, 0)
                 if first % 100 == 0:
-                    infos[n].put(codec.encode_info(_info(device, boot)))
-                    statuses[n].put(codec.encode_status(_status(device, boot)))
+                    put["info", device](codec.encode_info(info(device, time.time_ns(), boot)))
+                    put["status", device](codec.encode_status(status(device, time.time_ns(), boot)))
                 numbers = np.array([k for k in range(first, first + SAMPLES) if not gone(n, k)])
-                if len(numbers):
-                    after = SampleFlag.AFTER_GAP if gone(n, int(numbers[0]) - 1) else SampleFlag.OK
-                    made[n].put(codec.encode_corrected(_batch(device, n, boot, origin, numbers, start_ns, after)))
-        sys.stdin.readline()
+                if not len(numbers):
+                    continue
+                at_ns = int(time_ns(start_ns, numbers[:1])[0])
+                plain = corrected(samples(device, int(numbers[0]) - origin, len(numbers), at_ns, boot))
+                rate = np.column_stack([numbers * 1e-3, np.full(len(numbers), n), numbers % 7]).astype(np.float32)
+                flags = plain.flags.copy()
+                flags[0] = SampleFlag.AFTER_GAP if gone(n, int(numbers[0]) - 1) else SampleFlag.OK
+                put["corrected", device](codec.encode_corrected(replace(plain, rate=rate, flags=flags)))
 
 
-def _batch(
-    device: str, n: int, boot: int, origin: int, numbers: NDArray[np.int64], start_ns: int, after: SampleFlag
-) -> CorrectedBatch:
-    rate = np.column_stack([numbers * 1e-3, np.full(len(numbers), n), numbers % 7]).astype(np.float32)
-    times_ns, flags = time_ns(start_ns, numbers), np.zeros(len(numbers), np.uint32)
-    flags[0] = after
-    return CorrectedBatch(
-        device, boot, int(numbers[0]) - origin, int(times_ns[0]), 1e-9, 1.0,
-        (times_ns - start_ns + 1).astype(np.uint64), rate, flags, Quality.GOOD, ZERO, ZERO, ZERO, ZERO, "c", ZERO, 1,
-    )  # fmt: skip
-
-
-def _info(device: str, boot: int) -> DeviceInfo:
-    return DeviceInfo(
-        device, "b", boot, BootCause.POWER_UP, "bench", "1", "native", "p", RATE_HZ, RATE_HZ, 8.7, False, False, time.time_ns()
-    )  # fmt: skip
-
-
-def _status(device: str, boot: int) -> Status:
-    one = (1.0, 1.0, 1.0)
-    return Status(
-        device, boot, time.time_ns(), State.TRACKING, Quality.GOOD, (), 1.0, (0, 1, 2), one, one, one,
-        "c", 1, 1.0, 25.0, RATE_HZ, 1, 1,
-    )  # fmt: skip
-
-
-class Verdict:
-    """What came of a device's stream, against what was sent."""
-
-    def __init__(self, device: int, numbers: NDArray[np.int64], off_s: NDArray[np.float64], last: int) -> None:
-        wanted = [k for k in range(int(numbers[0]), last) if not gone(device, k)]
-        self.lost = len(set(wanted) - set(numbers.tolist()))
-        self.twice = len(numbers) - len(set(numbers.tolist()))
-        self.disordered = int(np.count_nonzero(np.diff(numbers) <= 0))
-        self.off_s = float(np.abs(off_s).max())
-        self.came = len(numbers)
-
-    @property
-    def good(self) -> bool:
-        """Every sample once, in order, at its time."""
-        return not (self.lost or self.twice or self.disordered) and self.off_s <= GOAL_S
-
-
-def judged(values: NDArray[np.float32], host_s: NDArray[np.float64], start_ns: int, last: int) -> Verdict:
-    """Judge a stream by its values and its stamps as host times."""
-    numbers = np.rint(values[:, 0].astype(float) * 1e3).astype(np.int64)
-    off_s = host_s - time_ns(start_ns, numbers) * 1e-9
-    return Verdict(int(values[0, 1]), numbers, off_s, last)
-
-
-def told(name: str, verdicts: list[Verdict], console: Console) -> bool:
-    """Print a line; whether all is good."""
-    console.print(
-        f"{name}: {sum(v.came for v in verdicts)} samples of {len(verdicts)} devices; {sum(v.lost for v in verdicts)} lost,"
-        f" {sum(v.twice for v in verdicts)} twice, {sum(v.disordered for v in verdicts)} out of order;"
-        f" stamps off by {1e6 * max(v.off_s for v in verdicts):.0f} µs at most"
+def good(name: str, streams: list[tuple[NDArray[np.float32], NDArray[np.float64]]], start_ns: int, last: int) -> bool:
+    """Print what came of streams, values and stamps as host times in s; whether each sample came once, in order, at its time."""
+    lost = twice = disordered = came = 0
+    off_s = 0.0
+    for values, host_s in streams:
+        numbers, device = np.rint(values[:, 0].astype(float) * 1e3).astype(np.int64), int(values[0, 1])
+        known = set(numbers.tolist())
+        lost += sum(k not in known and not gone(device, k) for k in range(int(numbers[0]), last))
+        twice += len(numbers) - len(known)
+        disordered += int(np.count_nonzero(np.diff(numbers) <= 0))
+        off_s = max(off_s, float(np.abs(host_s - time_ns(start_ns, numbers) * 1e-9).max()))
+        came += len(numbers)
+    print(
+        f"{name}: {came} samples of {len(streams)} devices; {lost} lost, {twice} twice, {disordered} out of order;"
+        f" stamps off by {1e6 * off_s:.0f} µs at most"
     )
-    return all(v.good for v in verdicts)
-
-
-def cpu_s(pid: int) -> float:
-    """Processor time of a process, s."""
-    fields = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
-
-
-@contextlib.contextmanager
-def outlet(endpoint: str, *words: str) -> Iterator[subprocess.Popen[bytes]]:
-    """A running `truerate outlet lsl`."""
-    command = [
-        sys.executable,
-        "-m",
-        "estimator.cli.main",
-        "outlet",
-        "lsl",
-        "--ward",
-        WARD,
-        "--connect",
-        endpoint,
-        *words,
-    ]
-    with subprocess.Popen(command) as process:
-        try:
-            yield process
-        finally:
-            process.terminate()
-            process.wait()
+    return not (lost or twice or disordered) and off_s <= GOAL_S
 
 
 def main() -> int:
@@ -177,18 +100,23 @@ def main() -> int:
     parser.add_argument("--devices", type=int, default=20)
     parser.add_argument("--seconds", type=float, default=60.0)
     parser.add_argument("--kill-after", type=float, default=30.0, metavar="S")
+    parser.add_argument("--send", nargs=2, metavar=("ENDPOINT", "START_NS"), help="be the estimator")
     args = parser.parse_args()
+    if args.send:
+        send(args.send[0], args.devices, args.seconds, int(args.send[1]))
+        return 0
     console, endpoint = Console(), f"tcp/127.0.0.1:{free_port()}"
     lead_s = 15.0
     with contextlib.ExitStack() as stack:
-        router = stack.enter_context(running(ROUTER, endpoint))
-        process = stack.enter_context(outlet(endpoint))
+        router = stack.enter_context(program("tests.bench.router", endpoint, pipe=True))
+        line(router)
+        process = stack.enter_context(program(CLI, "outlet", "lsl", "--ward", WARD, "--connect", endpoint))
         file = Path(stack.enter_context(tempfile.TemporaryDirectory())) / "bench.xdf"
         start_ns = time.time_ns()
         last = (round((args.seconds + lead_s) * RATE_HZ) + SAMPLES - 1) // SAMPLES * SAMPLES
-        sender = stack.enter_context(
-            running(SENDER, endpoint, str(args.devices), str(args.seconds + lead_s), str(start_ns))
-        )
+        sent_s = str(args.seconds + lead_s)
+        words = ["--devices", str(args.devices), "--seconds", sent_s, "--send", endpoint, str(start_ns)]
+        stack.enter_context(program("tests.bench.lsl", *words))
         inlets = [inlet(f"truerate/{WARD}/d{n:02d}/rates") for n in range(args.devices)]
         markers = inlet(f"truerate/{WARD}/markers")
         recorder = LabRecorder()
@@ -210,43 +138,33 @@ def main() -> int:
                 router.wait()
             if up_s and time.time() > up_s:
                 up_s = 0.0
-                stack.enter_context(running(ROUTER, endpoint))
+                stack.enter_context(program("tests.bench.router", endpoint, pipe=True))
         share = (cpu_s(process.pid) - spent) / (time.monotonic() - began)
         recorder.stop()
-        sender.kill()
         ahead = ahead_s()
-        good = told(
-            "inlets",
-            [
-                judged(np.vstack([v for v, _ in one]), np.concatenate([s for _, s in one]) + ahead, start_ns, last)
-                for one in came
-            ],
-            console,
-        )
+        inlet_streams = [(np.vstack([v for v, _ in one]), np.concatenate([s for _, s in one]) + ahead) for one in came]
+        fine = good("inlets", inlet_streams, start_ns, last)
         streams = pyxdf.load_xdf(str(file), verbose=False)[0]
-        rates = [one for one in streams if one["info"]["type"][0] == "IMU"]
-        good &= len(rates) == args.devices and told(
-            "XDF by LabRecorder, read by pyxdf",
-            [
-                judged(np.asarray(one["time_series"], np.float32), one["time_stamps"] + ahead, start_ns, last)
-                for one in rates
-            ],
-            console,
-        )
+        rates = [
+            (np.asarray(one["time_series"], np.float32), one["time_stamps"] + ahead)
+            for one in streams
+            if one["info"]["type"][0] == "IMU"
+        ]
+        fine &= good("XDF by LabRecorder, read by pyxdf", rates, start_ns, last) and len(rates) == args.devices
         recorded = next(one for one in streams if one["info"]["type"][0] == "Markers")
         console.print(
             f"markers: {[words for words, _ in marked]}; in XDF: {[one[0] for one in recorded['time_series']]}"
         )
-        gap_s = time_ns(start_ns, np.array([round(GAP_AT_S * RATE_HZ) + GAP]))[0] * 1e-9
-        good &= [(words, abs(stamp + ahead - gap_s) <= GOAL_S) for words, stamp in marked][:1] == [
+        gap_s = (start_ns + (GAP_AT + GAP) * STEP * 1000) * 1e-9
+        fine &= [(words, abs(stamp + ahead - gap_s) <= GOAL_S) for words, stamp in marked][:1] == [
             (f"d00 missing {GAP}", True)
         ]
-        good &= "d01 reboot 0000000000000002" in [words for words, _ in marked]
+        fine &= "d01 reboot 0000000000000002" in [words for words, _ in marked]
         console.print(
             f"truerate outlet lsl: {share:.1%} of a core; liblsl {pylsl.library_version() / 100:.2f};"
             f" {len(os.sched_getaffinity(0))} cores, load {os.getloadavg()[0]:.1f}"
         )
-    return int(not good or share > GOAL_CORE)
+    return int(not fine or share > GOAL_CORE)
 
 
 if __name__ == "__main__":

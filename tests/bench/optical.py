@@ -1,13 +1,11 @@
-"""What optical orientation says of a gyro: its matrix, and how far its integrated heading drifts."""
+"""What optical orientation says of a gyro: its matrix and its bias."""
 
 from itertools import pairwise
 
 import numpy as np
-import vqf
-from scipy.spatial.transform import Rotation, Slerp
+from scipy.spatial.transform import Rotation
 
 from estimator.geometry import rotation
-from estimator.tracking.gravity import G
 from tests.bench.broad import Trial
 from tests.bench.trackers import Floats
 
@@ -53,23 +51,6 @@ def _intervals(trial: Trial) -> tuple[Floats, Floats]:
     return steps, np.asarray((first.inv() * last).as_matrix())
 
 
-def drift_deg_per_min(trial: Trial, bias: Floats) -> float:
-    """How fast the heading of the trial's rates less a bias (n, 3) leaves the truth while moving.
-
-    Tilt is kept by VQF with its own bias estimation off (6 axes, no magnetometer); headings agree just before the movement.
-    """
-    plain = vqf.VQF(1 / trial.rate_hz, restBiasEstEnabled=False, motionBiasEstEnabled=False)
-    gyro = np.ascontiguousarray(trial.gyro - bias)
-    attitude = plain.updateBatch(gyro, np.ascontiguousarray(trial.accel))["quat6D"]
-    seen = np.flatnonzero(~np.isnan(trial.attitude[:, 0]))
-    _, _, z, w = (_rotation(attitude[seen]) * _rotation(trial.attitude[seen]).inv()).as_quat().T
-    heading = np.unwrap(2 * np.arctan2(z, w))
-    moving = np.flatnonzero(trial.moving[seen])
-    first, last = max(int(moving[0]) - 1, 0), int(moving[-1])
-    minutes = (seen[last] - seen[first]) / trial.rate_hz / 60
-    return float(np.degrees(abs(heading[last] - heading[first])) / minutes)
-
-
 def bias_by_optics(trial: Trial, matrix: Floats, walk: float, start_std: float) -> Floats:
     """(n, 3) the bias that the optical orientation itself shows in real time, through a matrix (3, 3).
 
@@ -103,17 +84,6 @@ def bias_by_optics(trial: Trial, matrix: Floats, walk: float, start_std: float) 
             attitude, bias = Rotation.from_rotvec(change[:3]) * attitude, bias + change[3:]
     found[begin + n :] = bias
     return found
-
-
-def level_force(trial: Trial) -> Floats:
-    """(n, 3) m/s² what a perfect accelerometer would read of the same turns if nothing pushed: gravity, as optics has it.
-
-    A sample stands for the interval that ends at it. A tracker that is given these shows what linear acceleration costs it.
-    """
-    seen = np.flatnonzero(~np.isnan(trial.attitude[:, 0]))
-    middle = np.clip(np.arange(len(trial.attitude)) - 0.5, seen[0], seen[-1])
-    attitude = Slerp(seen, _rotation(trial.attitude[seen]))(middle)
-    return np.asarray(attitude.inv().apply([0.0, 0.0, G]))
 
 
 def _rotation(wxyz: Floats) -> Rotation:

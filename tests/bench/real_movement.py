@@ -6,15 +6,12 @@ learnt; total orientation error; and NEES per axis. A bias that walks four times
 Nothing is told of the sensors unless --model says so: truerate is run as `truerate correct --learn-matrix` runs.
 "oracle" is the orientation from the true bias and the matrix fitted to the very trial by optics, and the bias that a filter with
 the optical orientation in place of the accelerometer finds in real time: the limits of any bias, matrix and accelerometer.
-Writes out/real_movement.json with every trial.
 """
 
 import argparse
-import json
 import sys
 from collections import defaultdict
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 import vqf
@@ -201,7 +198,6 @@ def main() -> int:
     asked.add_argument("--model", default=GENERIC, help="device model told; by default none")
     asked.add_argument("--fixed", action="store_true", help="learn no matrix")
     asked.add_argument("--seeds", type=int, default=4, help="of each simulated scene; 0 for none")
-    asked.add_argument("--out", type=Path, default=Path("out"))
     wanted, console = asked.parse_args(), Console(width=150)
     trials = broad.trials() if broad.FOLDER.is_dir() else []
     if not trials:
@@ -210,10 +206,6 @@ def main() -> int:
     results = measured(trials, knobs if wanted.fixed else learning(knobs))
     simulated(results, wanted.seeds)
     console.print(shown(results))
-    wanted.out.mkdir(parents=True, exist_ok=True)
-    path = wanted.out / "real_movement.json"
-    path.write_text(json.dumps(results, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
-    console.print(str(path))
     return 0
 
 

@@ -8,12 +8,9 @@ import argparse
 import contextlib
 import json
 import signal
-import subprocess
 import sys
 import time
 from collections import Counter
-from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 from rich.console import Console
@@ -21,23 +18,15 @@ from rich.console import Console
 from bridge.bus.contract import Subscription
 from bridge.bus.zenoh_bus import ZenohBus
 from estimator.demo.ward import free_port
+from tests.bench.programs import line, program
 
-ROUTER = """
-import sys, threading
-from bridge.bus.embedded_router import Router
-with Router([sys.argv[1]]):
-    print("up", flush=True)
-    threading.Event().wait()
-"""
-SENDER = "from tests.bench.router_kills import send; import sys; send(sys.argv[1], *map(float, sys.argv[2:]))"
 PERIOD_S, DOWN_S, LAST_S = 0.2, 0.5, 45.0
 
 
-def send(endpoint: str, publishers: float, seconds: float) -> None:
+def send(endpoint: str, publishers: int, seconds: float) -> None:
     """Put numbers under each key in turn; print how many of each, and the processor time of it all."""
     with ZenohBus([endpoint]) as bus:
-        made = [bus.publisher(f"t/@v1/{n}", cache=200) for n in range(int(publishers))]
-        print("up", flush=True)
+        made = [bus.publisher(f"t/@v1/{n}", cache=200) for n in range(publishers)]
         time.sleep(1.0)
         began, spent, number = time.monotonic(), time.process_time(), 0
         while time.monotonic() - began < seconds:
@@ -48,7 +37,7 @@ def send(endpoint: str, publishers: float, seconds: float) -> None:
                     time.sleep(max(0.0, due - time.monotonic()))
             number += 1
         print(json.dumps({"each": number, "cpu": time.process_time() - spent}), flush=True)
-        sys.stdin.readline()
+        sys.stdin.readline()  # the caches stay until all has been repaired
 
 
 class Heard:
@@ -75,34 +64,26 @@ class Heard:
                 self._last[key] = now
 
 
-@contextlib.contextmanager
-def running(program: str, *arguments: str) -> Iterator[subprocess.Popen[str]]:
-    """A process that has said it is up."""
-    command = [sys.executable, "-c", program, *arguments]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
-        try:
-            assert process.stdout is not None
-            if process.stdout.readline() != "up\n":
-                raise RuntimeError("it did not start")
-            yield process
-        finally:
-            process.kill()
-
-
 def main() -> int:
     """Print a line; 1 when anything was lost, came twice or out of order."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--publishers", type=int, default=200)
     parser.add_argument("--kills", type=int, default=10)
     parser.add_argument("--every", type=float, default=2.0, metavar="S")
+    parser.add_argument("--send", default="", metavar="ENDPOINT", help="be the publishers")
     args = parser.parse_args()
+    seconds = (args.kills + 2) * args.every
+    if args.send:
+        send(args.send, args.publishers, seconds)
+        return 0
     endpoint, rng = f"tcp/127.0.0.1:{free_port()}", np.random.default_rng(1)
     with contextlib.ExitStack() as stack:
-        router = stack.enter_context(running(ROUTER, endpoint))
+        router = stack.enter_context(program("tests.bench.router", endpoint, pipe=True))
+        line(router)
         bus = stack.enter_context(ZenohBus([endpoint]))
         heard = Heard(bus.subscribe("t/@v1/*", history=True))
-        seconds = (args.kills + 2) * args.every
-        sender = stack.enter_context(running(SENDER, endpoint, str(args.publishers), str(seconds)))
+        words = ("tests.bench.router_kills", *sys.argv[1:], "--send", endpoint)
+        sender = stack.enter_context(program(*words, pipe=True))
         spent = time.process_time()
         heard.read(1.0)
         for _ in range(args.kills):
@@ -110,10 +91,9 @@ def main() -> int:
             router.send_signal(signal.SIGKILL)
             router.wait()
             heard.read(DOWN_S)
-            router = stack.enter_context(running(ROUTER, endpoint))
-        assert sender.stdout is not None
+            router = stack.enter_context(program("tests.bench.router", endpoint, pipe=True))
         heard.read(args.every)
-        said = json.loads(sender.stdout.readline())
+        said = json.loads(line(sender))
         total, deadline = said["each"] * args.publishers, time.monotonic() + LAST_S
         while heard.came < total and time.monotonic() < deadline:
             heard.read(0.5)
@@ -122,8 +102,7 @@ def main() -> int:
         Console().print(
             f"{args.publishers} publishers, {args.kills} router kills: {total} sent, {lost} lost, {heard.twice} twice or late,"
             f" {heard.skipped} skipped, {heard._subscription.missed} told as missed; longest hole {heard.hole_s:.2f} s;"
-            f" µs of processor a message: subscriber {1e6 * spent / total:.0f}, publishers {1e6 * said['cpu'] / total:.0f};"
-            f" {len(list(Path('/proc/self/task').iterdir()))} threads here"
+            f" µs of processor a message: subscriber {1e6 * spent / total:.0f}, publishers {1e6 * said['cpu'] / total:.0f}"
         )
     return int(lost > 0 or heard.twice > 0 or heard.skipped > 0)
 

@@ -9,7 +9,6 @@ heard nothing of any device, or nothing of one.
 
 import argparse
 import contextlib
-import os
 import shutil
 import signal
 import subprocess
@@ -17,7 +16,7 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -26,26 +25,17 @@ from rich.console import Console
 from rich.table import Table
 
 from bridge.bus.zenoh_bus import ZenohBus
-from bridge.wire import columns_pb2 as columns
-from bridge.wire import keys
 from estimator.client import Client
-from estimator.demo.ward import free_port, listens
+from estimator.demo.ward import free_port
+from tests.bench.load.receiver import Receiver
 from tests.bench.load.stream import WARD, Fleet, listed, name
+from tests.bench.programs import estimator, line, program, router, ward_file
 
 DEVICES, USUAL, FAST = 100, (104.0, 5), (562.5, 28)
 #: a hole while somebody is frozen, s, and p99 under a flood over that of none
 HOLE_S, SLOWER = 0.15, 2.0
 FROZEN_S = 10.0
 FLOOD_HZ = 10_000
-_CONFIG = """ward = "{ward}"
-[bus]
-connect = ["{endpoint}"]
-[router]
-listen = ["{endpoint}"]
-[estimator]
-id = "e"
-store = "{folder}/store.sqlite3"
-"""
 _SLOW_DISK = """
 #define _GNU_SOURCE
 #include <dlfcn.h>
@@ -68,50 +58,6 @@ class Suffered:
     said: str
 
 
-class Healthy(threading.Thread):
-    """A subscriber that reads: when each message came, of which device, and how long it took."""
-
-    def __init__(self, endpoint: str) -> None:
-        super().__init__(daemon=True)
-        self._bus = ZenohBus([endpoint])
-        self._corrected = self._bus.subscribe(keys.pattern(WARD, "corrected"), history=True)
-        self.heard: list[tuple[int, str, bytes]] = []
-        self.over = False
-        self.start()
-
-    def run(self) -> None:
-        while not self.over:
-            messages = self._corrected.drain(512, 0.05)
-            now_ns = time.time_ns()
-            self.heard += [(now_ns, message.key, message.payload) for message in messages]
-
-    def close(self) -> None:
-        self.over = True
-        self.join()
-        self._bus.close()
-
-
-@contextlib.contextmanager
-def process(*words: str, env: dict[str, str] | None = None, log: Path) -> Iterator[subprocess.Popen[bytes]]:
-    with log.open("ab") as out:
-        started = subprocess.Popen(
-            [sys.executable, "-m", *words],
-            stdout=out,
-            stderr=out,
-            stdin=subprocess.DEVNULL,
-            env=os.environ | (env or {}),
-        )
-    try:
-        yield started
-    finally:
-        started.send_signal(signal.SIGCONT)
-        started.terminate()
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            started.wait(15)
-        started.kill()
-        started.wait()
-
-
 def flood(endpoint: str, fleet: Fleet, until: threading.Event) -> None:
     """The last device's first message again and again, in bursts each millisecond."""
     [(_, payload)] = [made for made in fleet.round(0, time.time_ns()) if made[0] == fleet.n - 1]
@@ -129,37 +75,24 @@ def run(trouble: str, seconds: float) -> Suffered:
     """One run."""
     with tempfile.TemporaryDirectory() as place, contextlib.ExitStack() as stack:
         folder, endpoint = Path(place), f"tcp/127.0.0.1:{free_port()}"
-        config = folder / "ward.toml"
-        config.write_text(
-            _CONFIG.format(ward=WARD, endpoint=endpoint, folder=folder) + listed(DEVICES), encoding="utf-8"
-        )
+        file = ward_file(folder, WARD, endpoint, listed(DEVICES))
+        stack.enter_context(router(file, endpoint))
         env = {"LD_PRELOAD": str(_slow_disk(folder))} if trouble == "slow disk" else None
-        stack.enter_context(process("estimator.cli.main", "router", "--config", str(config), log=folder / "router.log"))
-        if not listens(endpoint, 20.0):
-            raise RuntimeError("the router does not listen")
-        log = folder / "estimator.log"
-        stack.enter_context(process("estimator.cli.main", "estimator", "serve", str(config), env=env, log=log))
-        while "serves ward" not in log.read_text():
-            time.sleep(0.1)
-        healthy = Healthy(endpoint)
+        stack.enter_context(estimator(file, env))
+        healthy = Receiver(endpoint)
         stack.callback(healthy.close)
         victim = None
         if trouble.startswith("frozen "):
-            heard = folder / "frozen.log"
-            what = trouble.removeprefix("frozen ")
-            victim = stack.enter_context(process("tests.bench.subscriber", endpoint, WARD, what, log=heard))
-            while "ready" not in heard.read_text():
-                time.sleep(0.05)
-        fleet, bus = (
-            Fleet(DEVICES, *(FAST if "frozen" in trouble or "fast" in trouble else USUAL)),
-            stack.enter_context(ZenohBus([endpoint])),
-        )
+            words = ["tests.bench.subscriber", endpoint, WARD, trouble.removeprefix("frozen ")]
+            victim = stack.enter_context(program(*words, pipe=True))
+            line(victim)
+        fleet = Fleet(DEVICES, *(FAST if "frozen" in trouble or "fast" in trouble else USUAL))
+        bus = stack.enter_context(ZenohBus([endpoint]))
         publishers = [bus.publisher(key, cache=round(5.0 / fleet.period_s)) for key in fleet.keys]
         time.sleep(1.0)
         stop = threading.Event()
         flooder = threading.Thread(target=flood, args=(endpoint, fleet, stop))
-        rounds, due, put_longest = round(seconds / fleet.period_s), time.monotonic(), 0.0
-        begun_ns = 0
+        rounds, due, begun_ns = round(seconds / fleet.period_s), time.monotonic(), 0
         for number in range(rounds):
             if number == rounds // 4:  # all is running: it begins
                 begun_ns = time.time_ns()
@@ -169,53 +102,50 @@ def run(trouble: str, seconds: float) -> Suffered:
                     flooder.start()
             if victim is not None and number == rounds // 4 + round(FROZEN_S / fleet.period_s):
                 victim.send_signal(signal.SIGCONT)
-            began = time.monotonic()
             for i, payload in fleet.round(number, time.time_ns()):
                 publishers[i].put(payload)
-            put_longest = max(put_longest, time.monotonic() - began)
             due += fleet.period_s
             time.sleep(max(0.0, due - time.monotonic()))
         stop.set()
         if flooder.ident:
             flooder.join()
         time.sleep(2.0)
-        return _judged(healthy.heard, rounds, begun_ns, fleet, _said(endpoint, trouble))
+        said = _said(endpoint) if trouble == "flood" else ""
+        return _judged(healthy, rounds, begun_ns, fleet, said)
 
 
-def _said(endpoint: str, trouble: str) -> str:
-    if trouble != "flood":
-        return ""
+def _said(endpoint: str) -> str:
+    """What the estimator tells of the device that floods."""
     with Client((endpoint,), ward=WARD) as client:
-        statuses = client.statuses(wait_s=1.5)
-        flooded = {device: n for device, s in statuses.items() if (n := s.events.get("messages flooded", 0))}
-        dropped = statuses[name(DEVICES - 1)].dropped if name(DEVICES - 1) in statuses else {}
-    return f"flooded {flooded}, dropped {dropped}"
+        status = client.statuses(wait_s=1.5).get(name(DEVICES - 1))
+    return f"{dict(status.events)}, dropped {status.dropped}" if status else "nothing"
 
 
-def _judged(heard: list[tuple[int, str, bytes]], rounds: int, begun_ns: int, fleet: Fleet, said: str) -> Suffered:
+def _judged(healthy: Receiver, rounds: int, begun_ns: int, fleet: Fleet, said: str) -> Suffered:
     innocent = {name(i) for i in range(fleet.n - 1)}
-    latency, hole_s, samples = list[float](), 0.0, dict[str, set[int]]()
-    before = 0
-    for now_ns, _, payload in heard:
-        batch = columns.CorrectedBatch.FromString(payload)
-        if batch.device not in innocent:
-            continue
-        samples.setdefault(batch.device, set()).update(range(batch.sequence, batch.sequence + len(batch.ticks) // 8))
-        if now_ns < begun_ns:
-            before = now_ns
-            continue
-        latency.append((now_ns - batch.start_time_ns) * 1e-9)
-        hole_s = max(hole_s, (now_ns - before) * 1e-9)
-        before = now_ns
-    holes = 0.0
-    times: dict[str, int] = {}
-    for now_ns, key, _ in heard:
-        if now_ns >= begun_ns and keys.parse(key).device in innocent:
-            holes = max(holes, (now_ns - times.get(key, begun_ns)) * 1e-9)
-            times[key] = now_ns
-    lost = len(innocent) * rounds * fleet.batch - sum(map(len, samples.values()))
+    came = [(came_ns, batch) for came_ns, batch in healthy.batches() if batch.device in innocent]
+    latency = [(came_ns - batch.start_time_ns) * 1e-9 for came_ns, batch in came if came_ns >= begun_ns]
+    moments = np.array([came_ns for came_ns, _ in came if came_ns >= begun_ns])
+    device_hole_s = max(longest_silence_s(healthy.heard, innocent, begun_ns, int(moments[-1])).values())
+    lost = len(innocent) * rounds * fleet.batch - sum(
+        n for device, n in healthy.samples().items() if device in innocent
+    )
     p50, p99 = np.percentile(latency, (50, 99))
-    return Suffered(float(p50), float(p99), max(latency), hole_s, holes, lost, said)
+    hole_s = float(np.diff(moments).max()) * 1e-9
+    return Suffered(float(p50), float(p99), max(latency), hole_s, device_hole_s, lost, said)
+
+
+def longest_silence_s(
+    heard: list[tuple[int, str, bytes]], devices: set[str], since_ns: int, until_ns: int
+) -> dict[str, float]:
+    """Of each of these devices the longest part of a time in which nothing of it came."""
+    last, longest = dict.fromkeys(devices, since_ns), dict.fromkeys(devices, 0)
+    for came_ns, key, _ in [*heard, *((until_ns, device, b"") for device in devices)]:
+        device = key.rpartition("/")[2]
+        if device in last and came_ns >= since_ns:
+            longest[device] = max(longest[device], came_ns - last[device])
+            last[device] = came_ns
+    return {device: ns * 1e-9 for device, ns in longest.items()}
 
 
 def _slow_disk(folder: Path) -> Path:

@@ -15,7 +15,6 @@ from estimator.tracking.bias_state import OWN, BiasKnobs, BiasState, start
 from estimator.tracking.evidence import GATES, Evidence
 from estimator.tracking.track_knobs import TrackKnobs
 from tests.estimator.stream import NAME, calibration, feed, stream
-from tests.estimator.tracking.worn import Worn
 
 #: parts whose bias walks and follows temperature as the knobs below believe; a coefficient is uniform within its limits
 RRW_DPS = 0.002
@@ -59,34 +58,6 @@ def test_on_a_random_walk_of_its_own_kind_it_is_consistent_and_on_another_it_is_
     low, high = band(len(found))
     inside = low < float(np.mean(found)) < high
     assert inside is (walk_factor == 1.0), (np.mean(found), low, high)
-
-
-def worn(seed: int, walk_factor: float, *, accel: bool) -> float:
-    """NEES after rests between movements, through recognition and evidence, as live."""
-    rng = np.random.default_rng(seed)
-    pieces = [p for _ in range(4) for p in (Still(4.0), swing(rng, 4.0, np.radians(90.0)))]
-    walk = walk_factor * float(np.degrees(BiasKnobs().rate_random_walk))
-    of = stream(pieces, 32.0, seed=seed, spec=ImuSpec(scale=(1.0, 1.0), rrw_dps_per_sqrt_s=walk))
-    begin = of.bias[0] + np.radians(0.005) * np.random.default_rng([seed, 1]).normal(size=3)
-    tracker = Worn.new(begin, 0.005).lives(of, accel=accel).tracker
-    return nees(tracker.state, of.bias[min(of.at(tracker.time), len(of) - 1)])
-
-
-AIDED = pytest.mark.parametrize("accel", [True, False], ids=["aided", "gyro only"])
-
-
-@AIDED
-def test_over_simulated_wear_it_is_not_overconfident(accel: bool) -> None:
-    """Walk as the filter assumes it, movement between rests; the quasi-static allowance makes it a little modest."""
-    found = [worn(seed, 1.0, accel=accel) for seed in range(30)]
-    assert 0.4 < np.mean(found) < band(len(found))[1]
-
-
-@AIDED
-def test_with_a_bias_that_walks_faster_it_would_be(accel: bool) -> None:
-    """Five times as far: the test above can fail."""
-    found = [worn(seed, 5.0, accel=accel) for seed in range(10)]
-    assert np.mean(found) > band(len(found))[1]
 
 
 def test_coarse_gyros_are_not_believed_beyond_their_step() -> None:

@@ -8,7 +8,7 @@ from estimator.device.prior_knowledge import PriorKnowledge
 from estimator.device.session import DeviceSession
 from estimator.offline.recordings import _batches
 from estimator.tracking.bias_state import BiasKnobs, start
-from tests.bench.warming import recording
+from tests.consistency.test_warming import recording
 from tests.estimator.device.test_correction import CALIBRATION
 from tests.sim.day import simulate_day
 

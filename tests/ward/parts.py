@@ -68,6 +68,15 @@ def wait(what: str, until: Callable[[], bool], watcher: Watcher, ward: Ward, tim
     return time.monotonic() - begin
 
 
+def until(program: str, true: Callable[[], bool], ward: Ward, timeout_s: float = 90.0) -> None:
+    """Poll until something is so of a program of the ward; fails with its log."""
+    deadline = time.monotonic() + timeout_s
+    while not true():
+        ward.check()
+        assert time.monotonic() < deadline, ward.log(program)
+        time.sleep(0.1)
+
+
 def subscribers(ward: Ward, n: int = 3) -> list[Subscriber]:
     """Subscribers that keep all they receive."""
     return [Subscriber(ward.endpoint, WARD, keep=True) for _ in range(n)]

@@ -18,14 +18,15 @@ from tests.web.asking import PASSWORD, PEOPLE
 from tests.web.conftest import OUT
 
 pytestmark = [pytest.mark.ward, pytest.mark.xdist_group("ward"), pytest.mark.timeout(300)]
-NAME = "wrist"
-#: how much faster than life the device lives
-SPEED = 4.0
+#: one device for each test
+NAME, OTHER = "wrist", "ankle"
+#: how much faster than life the devices live, which lie still until somebody turns them: a terminal hears statuses once a second
+SPEED, FASTER = 4.0, 8.0
 
 
-@pytest.fixture
-def ward(tmp_path: Path) -> Iterator[Ward]:
-    with Ward(tmp_path, (NAME,)) as made:
+@pytest.fixture(scope="module")
+def ward(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Ward]:
+    with Ward(tmp_path_factory.mktemp("ward"), (NAME, OTHER)) as made:
         (person,) = PEOPLE
         with made.config.open("a", encoding="utf-8") as file:
             file.write(f'[[dashboard.people]]\nname = "{person.name}"\npassword = "{person.password}"\n')
@@ -53,7 +54,7 @@ def keep(page: Page, name: str) -> None:
 def test_a_newcomer_from_the_ward_page_to_the_verdict(
     ward: Ward, page: Page, tmp_path: Path, request: pytest.FixtureRequest
 ) -> None:
-    expect(page.locator(".tile")).to_have_count(1)
+    expect(page.locator(f'.tile[data-id="{NAME}"]')).to_be_visible()
     words = [sys.executable, "-m", "estimator.cli.main", "calibrate", "--live", NAME, "--config", str(ward.config)]
     told = tmp_path / "terminal"
     with told.open("wb") as out:
@@ -90,10 +91,10 @@ def test_a_newcomer_from_the_ward_page_to_the_verdict(
 
 
 def test_a_turn_that_fails_a_cancel_and_a_reboot(ward: Ward, page: Page) -> None:
-    table = Table(NAME, 5)
-    ward.plug(NAME, table.device, speed=SPEED, lossless=True)
+    table = Table(OTHER, 5)
+    ward.plug(OTHER, table.device, speed=FASTER, lossless=True)
     hand, do = Hand(page, table), page.locator("#do")
-    hand.from_the_ward_page(NAME)
+    hand.from_the_ward_page(OTHER)
     # Half a turn does not count: it is said why, and only that one is asked for again.
     hand.follow(turns=2, half="along")
     expect(page.locator("#wrong")).to_contain_text("Turn the device once all the way round.")
@@ -124,7 +125,7 @@ def test_a_turn_that_fails_a_cancel_and_a_reboot(ward: Ward, page: Page) -> None
     expect(do).to_have_text("Done: it is calibrated")
     expect(page.locator("#rebooted")).to_be_hidden()
     store = StoreReader.reading(ward.folder / "truerate.sqlite3")
-    kept = history.read(store, NAME)
+    kept = history.read(store, OTHER)
     store.close()
     assert [(row["verb"], row["who"]) for row in kept.commands] == [
         ("recalibrate", "nurse"), ("cancel", "nurse"), ("recalibrate", "nurse"),

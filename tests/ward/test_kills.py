@@ -12,7 +12,7 @@ pytestmark = [pytest.mark.ward, pytest.mark.soak, pytest.mark.xdist_group("ward 
 
 def test_whenever_it_is_killed_nothing_that_was_said_is_lost(tmp_path: Path, effort: Effort) -> None:
     faults = []
-    steady, speed = effort(4, 20), effort(5, 1)
+    steady, speed = effort(4, 20), effort(10, 1)
     for number, kill in enumerate(killed(tmp_path, effort(2, 200), steady, 1, effort.seed, speed=speed)):
         faults += [f"kill {number}: {fault}" for fault in kill.faults]
     assert faults == []

@@ -3,7 +3,7 @@
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +16,7 @@ from estimator.client import Client
 from estimator.demo.subscribers import Subscriber
 from estimator.demo.ward import WARD, Ward, free_port
 from tests.lsl import ahead_s, heard, inlet
-from tests.ward.parts import add_simulated
+from tests.ward.parts import add_simulated, until
 
 pytestmark = [pytest.mark.ward, pytest.mark.xdist_group("ward 2"), pytest.mark.timeout(120)]
 PICTURE = Path(__file__).parents[2] / "docs/lsl_picture.py"
@@ -28,15 +28,6 @@ id = "mirror"
 driver = "lsl"
 source_id = "truerate/{WARD}/chest/raw"
 """
-
-
-def until(true: Callable[[], bool], ward: Ward) -> None:
-    """Wait until something is so."""
-    deadline = time.monotonic() + 30.0
-    while not true():
-        ward.check()
-        assert time.monotonic() < deadline, ward.log("lsl")
-        time.sleep(0.1)
 
 
 def rows(batches: list[CorrectedBatch], from_s: float) -> tuple[np.ndarray, np.ndarray]:
@@ -60,10 +51,8 @@ def check_mirror(mirrored: list[SampleBatch], chest: list[SampleBatch]) -> None:
     known = np.array([(sent[row], at_ns) for row, at_ns in came if row in sent])
     assert len(known) > 200
     assert len(known) > 0.9 * len(came)
-    # Within a millisecond (`tests.bench.lsl`); on a busy machine, LSL's estimate of the clocks' offset is worse for a while.
-    off_ns = np.abs(np.diff(known, axis=1))
-    assert np.median(off_ns) < 5e6
-    assert off_ns.max() < 50e6
+    # How well two estimates of LSL's clock agree is for a quiet machine to tell (`tests.bench.lsl`). Here: no other epoch.
+    assert np.abs(np.diff(known, axis=1)).max() < 1e9
 
 
 def test_streams_are_what_a_subscriber_gets(tmp_path: Path) -> None:
@@ -93,11 +82,16 @@ def test_streams_are_what_a_subscriber_gets(tmp_path: Path) -> None:
         with Client(ward.endpoint, ward=WARD) as client:
             assert client.note("chest", "nurse", "sat up").accepted
             mirrored, chest = client.raw("mirror", history=False), client.raw("chest")
-            copied, read = mirrored.collect(4.0), chest.collect(0.1)
+            copied = list[SampleBatch]()
+            while sum(map(len, copied)) <= 250:
+                ward.check()
+                copied += mirrored.drain(0.5)
+            read = chest.collect(0.1)
         ward.stop("bridge")  # simulated devices draw a new boot at each start
         ward.start("bridge")
         marked: list[tuple[str, float]] = []
         until(
+            "lsl",
             lambda: heard(markers, marked) and len({words.split()[0] for words, _ in marked if "reboot" in words}) == 2,
             ward,
         )

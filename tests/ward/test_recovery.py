@@ -1,6 +1,7 @@
-"""Cables pulled, processes killed: each comes back by itself, with its calibration, or asks for a new one."""
+"""A recorded ward; cables pulled, processes killed: each comes back by itself, with its calibration, or asks for a new one."""
 
 import signal
+import subprocess
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,11 +10,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from bridge.recording import load
+from bridge.recording.stretches import read
 from bridge.wire.messages import Quality, State
 from estimator.client import Client
 from estimator.demo.subscribers import Subscriber, Watcher
 from estimator.demo.ward import WARD, Ward
+from estimator.offline.recordings import correct
 from tests.ward.parts import good_calibrations, living, numbers, wait
+from tests.ward.test_record import recorder
 
 pytestmark = [pytest.mark.ward, pytest.mark.xdist_group("ward"), pytest.mark.timeout(240)]
 NAME = "wrist"
@@ -27,6 +32,7 @@ class Running:
     ward: Ward
     watcher: Watcher
     subscriber: Subscriber
+    recorder: subprocess.Popen[str]
     calibration: str
 
     def wait(self, what: str, until: Callable[[], bool]) -> float:
@@ -58,18 +64,49 @@ def running(tmp_path: Path) -> Iterator[Running]:
     with Ward(tmp_path, (NAME,)) as ward:
         ward.start("router", "estimator", "bridge")
         ward.wait_for_router()
+        (tmp_path / "rec").mkdir()
         watcher, subscriber = Watcher(ward.endpoint, WARD), Subscriber(ward.endpoint, WARD, keep=True)
+        process = recorder(ward.endpoint, tmp_path / "rec")
         # A machine that is busy must not cost bytes: what is lost here, we have lost.
         ward.plug(NAME, living(NAME, seed=3), speed=SPEED, lossless=True)
         try:
             wait("a calibration", lambda: watcher.all_tracking(1), watcher, ward)
-            yield Running(ward, watcher, subscriber, watcher.statuses[NAME].calibration)
+            yield Running(ward, watcher, subscriber, process, watcher.statuses[NAME].calibration)
         finally:
-            subscriber.close()
+            process.kill()
+            process.communicate()
+            subscriber.close(0.5)
             watcher.close()
 
 
+def what_subscribers_got_is_recorded(running: Running) -> None:
+    with Client((running.ward.endpoint,), ward=WARD) as client:
+        assert client.note(NAME, "nurse", "sat up").accepted
+    running.wait("good samples", lambda: running.good_samples() > 500)
+    [got] = [list(batches) for batches in running.subscriber.batches.values()]
+    running.more_good("these")
+    running.recorder.send_signal(signal.SIGINT)
+    _, said = running.recorder.communicate(timeout=60)
+    assert running.recorder.returncode == 0, said
+    (path,) = (running.ward.folder / "rec").glob("*.mcap")
+    recorded = read([path])
+    (stretch,) = recorded.stretches[NAME]
+    assert (np.diff(stretch.sequence) == 1).all()
+    assert np.isin(numbers(got), stretch.sequence).all(), "what was heard is in the file"
+    assert stretch.corrected is not None
+    known = np.isin(stretch.sequence, numbers(got))
+    np.testing.assert_array_equal(stretch.corrected.rate[known], np.concatenate([batch.rate for batch in got]))
+    assert [note.text for note in recorded.notes] == ["sat up"]
+    assert [c.verdict.name for c in recorded.calibrations] == ["ACCEPTED"]
+    # The recorded readings, corrected again, come out as they did live, once calibrated.
+    again = correct(load(path), recorded.calibrations[0], gyro_range=stretch.info.gyro_range if stretch.info else 0)
+    good = (stretch.corrected.quality == Quality.GOOD) & (again.quality == Quality.GOOD)
+    assert good.any()
+    assert np.degrees(np.abs(again.rate - stretch.corrected.rate)[good]).max() < 0.3
+
+
 def test_whatever_is_killed_pulled_or_asked_for_it_goes_on_and_after_a_reboot_anew(running: Running) -> None:
+    what_subscribers_got_is_recorded(running)
     running.restart("router")
     assert running.subscriber.troubles == ""
     running.restart("estimator")

@@ -9,6 +9,7 @@ import subprocess
 import threading
 import time
 from collections.abc import Iterator
+from contextlib import ExitStack
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -27,6 +28,7 @@ EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
 NAMES = ["chest", "wrist-left"]
 #: how many samples a program reads; at four times real time, while the dashboard is away and back
 SAMPLES = 2000
+PROGRAMS = ["stream.mjs", "stream.cpp", "stream.m"]
 PAGE = free_port()
 
 
@@ -41,7 +43,7 @@ def ward(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Ward]:
         yield made
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def heard(ward: Ward) -> Iterator[Subscriber]:
     """What Python's client gets meanwhile."""
     subscriber = Subscriber(ward.endpoint, WARD, keep=True)
@@ -51,58 +53,70 @@ def heard(ward: Ward) -> Iterator[Subscriber]:
     subscriber.close(0.1)
 
 
-def absent(why: str) -> None:
-    if os.environ.get("TRUERATE_NODE") == "required":
-        pytest.fail(why)
-    pytest.skip(why)
-
-
-def program(name: str, folder: Path) -> list[str]:
-    """Command line of an example, compiled if need be."""
+def program(name: str, folder: Path) -> list[str] | str:
+    """Command line of an example, compiled if need be; or why it cannot run here."""
     if name == "stream.mjs":
-        if shutil.which("node") is None:
-            absent("node is not installed (Debian: apt-get install nodejs)")
-        return ["node", str(EXAMPLES / name)]
+        return ["node", str(EXAMPLES / name)] if shutil.which("node") else "node (Debian: apt-get install nodejs)"
     if name == "stream.m":
-        if shutil.which("octave-cli") is None:
-            absent("octave-cli is not installed (Debian: apt-get install octave)")
-        return ["octave-cli", str(EXAMPLES / name)]
+        found = shutil.which("octave-cli")
+        return [found, str(EXAMPLES / name)] if found else "octave-cli (Debian: apt-get install octave)"
     built = folder / "stream"
     if built.exists():
         return [str(built)]
     if shutil.which("g++") is None:
-        absent("g++ is not installed (Debian: apt-get install g++)")
+        return "g++ (Debian: apt-get install g++)"
     words = ["g++", "-O1", str(EXAMPLES / name), "-o", str(built), "-lcurl"]
     done = subprocess.run(words, capture_output=True, text=True, check=False)
     if "No such file" in done.stderr or "cannot find -lcurl" in done.stderr:
-        absent(
-            "libcurl or nlohmann/json is not installed (Debian: apt-get install libcurl4-openssl-dev nlohmann-json3-dev)"
-        )
+        return "libcurl or nlohmann/json (Debian: apt-get install libcurl4-openssl-dev nlohmann-json3-dev)"
     assert done.returncode == 0, done.stderr
     return [str(built)]
 
 
-@pytest.mark.parametrize("name", ["stream.mjs", "stream.cpp", "stream.m"])
-def test_a_program_has_every_sample_once(name: str, ward: Ward, heard: Subscriber) -> None:
+def runnable(name: str, ward: Ward) -> list[str]:
+    """Command line of an example; the test is skipped, or fails under TRUERATE_NODE=required, where it cannot run."""
     words = program(name, ward.folder)
-    with subprocess.Popen(
-        [*words, f"http://{ward.page}", "chest", f"{SAMPLES}"], stdout=subprocess.PIPE, text=True
-    ) as run:
-        assert run.stdout is not None
-        lines = [run.stdout.readline()]
+    if isinstance(words, list):
+        return words
+    if os.environ.get("TRUERATE_NODE") == "required":
+        pytest.fail(f"not installed: {words}")
+    pytest.skip(f"not installed: {words}")
+
+
+@pytest.fixture(scope="module")
+def printed(ward: Ward, heard: Subscriber) -> dict[str, tuple[int, list[str]]]:
+    """Exit code and lines of each program that can run here; the dashboard is restarted once all of them read."""
+    with ExitStack() as stack:
+        runs = {}
+        for name in PROGRAMS:
+            if isinstance(words := program(name, ward.folder), str):
+                continue
+            words = [*words, f"http://{ward.page}", "chest", f"{SAMPLES}"]
+            runs[name] = stack.enter_context(subprocess.Popen(words, stdout=subprocess.PIPE, text=True))
+        lines = {name: [run.stdout.readline()] for name, run in runs.items() if run.stdout}
         ward.stop("dashboard")
         ward.start("dashboard")
-        lines += run.stdout.readlines()
-    assert run.returncode == 0
+        for name, run in runs.items():
+            assert run.stdout is not None
+            lines[name] += run.stdout.readlines()
+        return {name: (run.wait(), lines[name]) for name, run in runs.items()}
+
+
+@pytest.mark.parametrize("name", PROGRAMS)
+def test_a_program_has_every_sample_once(
+    name: str, printed: dict[str, tuple[int, list[str]]], ward: Ward, heard: Subscriber
+) -> None:
+    runnable(name, ward)
+    code, lines = printed[name]
+    assert code == 0
     number, _, *rates = np.array([line.split(",")[1:] for line in lines], float).T
     assert {line.split(",")[0] for line in lines} == {"chest"}
     np.testing.assert_array_equal(np.diff(number), 1)
     assert len(number) >= SAMPLES
     known: dict[int, Any] = {}
-    for batch in (
-        batch for (device, _), batches in heard.batches.copy().items() if device == "chest" for batch in batches
-    ):
-        known |= dict(zip(range(batch.sequence, batch.sequence + len(batch)), batch.rate, strict=True))
+    for (device, _), batches in heard.batches.copy().items():
+        for batch in batches if device == "chest" else ():
+            known |= dict(zip(range(batch.sequence, batch.sequence + len(batch)), batch.rate, strict=True))
     mine = [row for row, n in enumerate(number.astype(int)) if n in known]
     assert len(mine) > SAMPLES // 2
     np.testing.assert_allclose(np.transpose(rates)[mine], [known[int(number[row])] for row in mine], rtol=1e-6)
@@ -110,9 +124,12 @@ def test_a_program_has_every_sample_once(name: str, ward: Ward, heard: Subscribe
 
 @pytest.mark.parametrize("name", ["stream.mjs", "stream.cpp"])
 def test_a_program_says_what_is_wrong(name: str, ward: Ward) -> None:
-    words = program(name, ward.folder)
     ran = subprocess.run(
-        [*words, f"http://{ward.page}", "nobody"], capture_output=True, text=True, timeout=60, check=False
+        [*runnable(name, ward), f"http://{ward.page}", "nobody"],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
     )
     assert ran.returncode == 1
     assert ran.stderr.startswith("No device nobody was heard. Devices there are: chest")

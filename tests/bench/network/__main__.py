@@ -123,7 +123,7 @@ def main() -> int:
                 missed.append(f"{name}: one owner of each device after {owner_s:.1f} s (goal {OWNER_S:g} s)")
             for viewer, heard in ward.heard.items():
                 found = judged(heard, since_s)
-                broken += not found.kept
+                broken += bool(found.broken)
                 table.add(
                     name,
                     viewer,

@@ -35,11 +35,6 @@ class Verdict:
         }
         return ", ".join(f"{n:,} {what}" for what, n in counts.items() if n)
 
-    @property
-    def kept(self) -> bool:
-        """Whether every promise was."""
-        return not self.broken
-
 
 def judged(heard: Heard, since_s: float) -> Verdict:
     """Of what came since a time."""

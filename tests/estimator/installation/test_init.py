@@ -24,7 +24,7 @@ from estimator.cli.main import main
 from estimator.client import Client
 from estimator.config.schema import Ward
 from estimator.demo.ward import free_port
-from tests.bench.suffering import process
+from tests.bench.programs import program
 
 
 class Installed:
@@ -143,7 +143,7 @@ def test_the_advice_about_a_certificate_that_expires_soon_renews_it_while_the_pa
     (init.folder / "pki/page.ward-3.pem").write_bytes(Path(old.certificate).read_bytes())
     port = free_port()
     init.path.write_text(init.path.read_text().replace(":8443", f":{port}"))
-    with process("estimator.cli.main", "dashboard", "--config", str(init.path), log=tmp_path / "log"):
+    with program("estimator.cli.main", "dashboard", "--config", str(init.path), log=tmp_path / "log"):
         assert wait(lambda: days_left(port, init.folder) in (9, 10)), (tmp_path / "log").read_text()
         capsys.readouterr()
         main(["doctor", str(init.path), "--json"])
@@ -241,7 +241,7 @@ def test_the_programs_of_an_installed_ward_work_with_one_file(init: Installed, t
             ("estimator", "serve", config),
             ("bridge", "run", config),
         ):
-            stack.enter_context(process("estimator.cli.main", *words, log=log))
+            stack.enter_context(program("estimator.cli.main", *words, log=log))
         routers = load(init.path, Ward).bus.routers_as(Role.COMMANDER)
         until = time.monotonic() + 60
         found = set[str]()
