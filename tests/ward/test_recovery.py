@@ -93,16 +93,15 @@ def what_subscribers_got_is_recorded(running: Running) -> None:
     (stretch,) = recorded.stretches[NAME]
     assert (np.diff(stretch.sequence) == 1).all()
     assert np.isin(numbers(got), stretch.sequence).all(), "what was heard is in the file"
-    assert stretch.corrected is not None
     known = np.isin(stretch.sequence, numbers(got))
-    np.testing.assert_array_equal(stretch.corrected.rate[known], np.concatenate([batch.rate for batch in got]))
+    np.testing.assert_array_equal(stretch.computed["rate_rad_s"][known], np.concatenate([batch.rate for batch in got]))
     assert [note.text for note in recorded.notes] == ["sat up"]
     assert [c.verdict.name for c in recorded.calibrations] == ["ACCEPTED"]
     # The recorded readings, corrected again, come out as they did live, once calibrated.
     again = correct(load(path), recorded.calibrations[0], gyro_range=stretch.info.gyro_range if stretch.info else 0)
-    good = (stretch.corrected.quality == Quality.GOOD) & (again.quality == Quality.GOOD)
+    good = (stretch.computed["quality"] == Quality.GOOD) & (again.quality == Quality.GOOD)
     assert good.any()
-    assert np.degrees(np.abs(again.rate - stretch.corrected.rate)[good]).max() < 0.3
+    assert np.degrees(np.abs(again.rate - stretch.computed["rate_rad_s"])[good]).max() < 0.3
 
 
 def test_whatever_is_killed_pulled_or_asked_for_it_goes_on_and_after_a_reboot_anew(running: Running) -> None:
