@@ -23,9 +23,9 @@ class Life(Protocol):
 
 
 class Then:
-    """Motion that plays one motion until end_s, at rest there, and then another.
+    """Motion that follows `first` until end_s, seconds since its begin, and then a second motion.
 
-    make: makes the second motion from the attitude (4,) wxyz at the last sample of the first.
+    `first` must be at rest at end_s. make: makes the second motion from the attitude (4,) wxyz at the last sample of the first.
     """
 
     def __init__(self, first: Life, end_s: float, make: Callable[[Array], Life]) -> None:

@@ -61,7 +61,7 @@ class Fit:
 
     @property
     def matrix(self) -> Floats:
-        """Gyro matrix M (3, 3); only its diagonal where the off-diagonal elements are not used."""
+        """Gyro matrix M (3, 3), rate = M (reading - bias); its off-diagonal elements are 0 unless the fit is `full`."""
         M = matrix_of(self.theta[3:12])
         return M if self.full else np.diag(np.diag(M))
 

@@ -40,9 +40,10 @@ class Correction:
     """One set of correction parameters: all that a CorrectedBatch carries beside its samples.
 
     bias_std (3,) rad/s, standard deviation of the bias; flicker rad/s, standard deviation of the bias instability;
-    calibration: id of the calibration in use. walk: rate random walk, rad/s per root second. For the orientation only, None
-    before they are known: taught (21,), matrix and accelerometer as gravity has taught them, see tracking/tracked_bias.py; accel
-    (9,), bias, scale and standard deviation of a calibrated accelerometer, see calibration/accelerometer.py.
+    calibration: id of the calibration in use. walk: rate random walk, rad/s per root second. Only the orientation uses the
+    last two, which are None before they are known. taught (21,), as gravity has taught: relative change of the matrix (9, row by
+    row), and standard deviations of matrix (9) and accelerometer bias (3, m/s²). accel (9,), of a calibrated accelerometer:
+    bias (3, m/s²), scale (3), standard deviation of the bias (3, m/s²).
     """
 
     model: GyroModel

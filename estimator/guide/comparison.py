@@ -92,5 +92,5 @@ def bias_moves(calibration: Calibration, known: Iterable[Calibration]) -> tuple[
 
 
 def stds(calibration: Calibration) -> dict[str, float]:
-    """Return the standard deviation of each parameter of a calibration, by parameter name."""
+    """Return the standard deviation of each parameter by its name: `bias_x` … in rad/s; `k_x`, `m_xy` … without unit."""
     return dict(zip(calibration.parameters, np.sqrt(np.diag(calibration.covariance)).tolist(), strict=True))

@@ -52,7 +52,10 @@ class CorrectedRecording:
 
     @property
     def rotation(self) -> Rotation:
-        """Rotations from sensor to earth axes; `rotation.apply(vectors)` gives a sensor's vectors in earth axes."""
+        """Rotation from sensor to earth axes (z up) at each of the n samples.
+
+        `rotation.apply(vectors)` takes vectors (n, 3) in sensor axes and returns them in earth axes.
+        """
         return Rotation.from_quat(self.quat_wxyz, scalar_first=True)
 
     def seconds(self) -> dict[str, float]:

@@ -49,9 +49,9 @@ class _Queue:
 
 
 class Quotas:
-    """Fair queue of messages by bus key, emptied in rounds of the run loop; each key keeps its order.
+    """Fair queue of bus messages: a round of the run loop takes at most SHARE messages of each key, in their order.
 
-    dropped(key, messages) is called with the number of messages that exceeded the quota of a key.
+    At most QUOTA messages of a key wait; beyond that the oldest are dropped. dropped(key, messages): called with their number.
     """
 
     def __init__(self, dropped: Callable[[str, int], None]) -> None:

@@ -158,7 +158,7 @@ def _rows(factor: str, value: float, how: Sampling, part: Arrays) -> list[Row]:
 
 
 def tables(found: Analysis) -> Sequence[RenderableType]:
-    """Return a table of the rms errors of k, with one row per value of each cause."""
+    """Return one table of the rms error of the scale factors k, with a row for each value of each factor."""
     names = {"cause": 0, "value": 0, "samples": 3, "Algorithm 1": 0, "closure": 0, "bound": 0, "NEES": 2}
     table = Columns(
         [Column(name, number=name not in ("cause", "samples"), spare=spare) for name, spare in names.items()],

@@ -36,7 +36,10 @@ class GuideTopic(topics.Topic):
         yield topics.text(self._topic, guide_view(self._guide.told(), self._known, self._device, now))
 
     def frames(self, now: float, now_ns: int) -> Iterable[Frame]:
-        """Yield the instruction as a text frame, if it changed or was last sent a second ago."""
+        """Yield the instruction as a text frame if it changed, or if a second has passed since the last one.
+
+        now: monotonic s. now_ns: ns since the Unix epoch.
+        """
         for frame in self.whole(now, now_ns):
             if frame != self._told or now - self._told_at >= _AGAIN_S:
                 self._told, self._told_at = frame, now

@@ -119,7 +119,10 @@ def _following(known: Known, device: str, now: float) -> str:
 
 
 def unless_broken(told: Instruction, known: Known, device: str, now: float) -> Instruction:
-    """Return the instruction, or one with step BROKEN if a fault of the ward keeps the device from being heard."""
+    """Return `told`, or an instruction with step BROKEN if a fault of the ward keeps the device's samples from arriving.
+
+    now: monotonic s.
+    """
     if not known.broken(device, now):
         return told
     return Instruction(Step.BROKEN, Picture.NOTHING, Words("broken"), rebooted=told.rebooted)

@@ -194,9 +194,9 @@ class Known:
         self.looked = now - self._alone_at > LOOKED_S
 
     def take_token(self, kind: str, name: str, alive: bool) -> None:  # noqa: FBT001 - the bus's contract
-        """Note whether the estimator or bridge `name` is alive, on a thread of the bus; kind: `estimator` or `bridge`.
+        """Record whether the estimator or bridge `name` is alive. The bus calls this on its own thread.
 
-        Beyond _TOKENS ids, one that is dead is forgotten, or else the oldest.
+        kind: `estimator` or `bridge`. Of more than _TOKENS names a dead one is forgotten first, else the oldest.
         """
         there = self.alive[kind]
         there[name] = alive

@@ -50,7 +50,10 @@ class Vector(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
 
 class Time(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Column of a tool's export with the time of each sample, and its unit; empty if unknown. Raises ValueError."""
+    """Column that holds each sample's time in a tool's export, and its unit, empty if unknown.
+
+    Raises ValueError for a unit that truerate does not know.
+    """
 
     column: str
     unit: str = ""
