@@ -280,7 +280,7 @@ def _inspect(given: argparse.Namespace) -> None:
 
     found = findings(_loaded(given))
     if given.json:
-        print(json.dumps({**found._asdict(), "gaps": [gap._asdict() for gap in found.gaps]}))
+        print(json.dumps(found))
         return
     for line in sentences(found):
         print(printable(line))
