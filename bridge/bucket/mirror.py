@@ -40,7 +40,7 @@ class Mirror:
         self._thread.start()
 
     def has(self, path: Path) -> bool:
-        """Whether a file is known to be in the bucket, under its name and with its size.
+        """Return whether a file is known to be in the bucket, under its name and with its size.
 
         Raises OSError if the file is gone.
         """

@@ -269,7 +269,7 @@ def _loaded(given: argparse.Namespace) -> "Recording":
 
 
 def _has_streams(given: argparse.Namespace) -> bool:
-    """Whether --device chooses a stream of the file; otherwise it names the device of a new file."""
+    """Return whether --device chooses a stream of the file; otherwise it names the device of a new file."""
     from bridge.recording.formats.registry import format_of  # noqa: PLC0415
 
     return not (given.driver or given.profile) and given.file.exists() and format_of(given.file).streams
@@ -280,7 +280,7 @@ def _inspect(given: argparse.Namespace) -> None:
 
     found = findings(_loaded(given))
     if given.json:
-        print(json.dumps({**found._asdict(), "gaps": [gap._asdict() for gap in found.gaps]}))
+        print(json.dumps(found))
         return
     for line in sentences(found):
         print(printable(line))

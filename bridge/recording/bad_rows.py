@@ -85,7 +85,7 @@ def keep_rows(columns: dict[str, Floats], rows: Flags | NDArray[np.intp]) -> Non
 
 
 def _within(column: Floats, limit: float) -> bool:
-    """Whether all values are finite and within ±limit."""
+    """Return whether all values are finite and within ±limit."""
     return bool(max(column.max(), -column.min()) <= limit)
 
 

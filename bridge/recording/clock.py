@@ -154,7 +154,7 @@ def _is_bunched(time: Floats) -> bool:
 
 
 def _crowded(steps: Floats) -> bool:
-    """Whether short steps lie between long ones, as in bunches, rather than around a few long pauses."""
+    """Return whether short steps lie between long ones, as in bunches, rather than around a few long pauses."""
     usual = float(np.quantile(steps, 0.9))
     longest = steps[steps > 5 * usual]
     mean = float((steps.sum() - longest.sum()) / max(1, len(steps) - len(longest)))
@@ -184,7 +184,7 @@ def _spaced(time: Floats) -> tuple[Floats, str]:
 
 
 def _is_coarse(time: Floats) -> bool:
-    """Whether times are whole multiples of a tick, and the ticks hold equally many samples, give or take one."""
+    """Return whether times are whole multiples of a tick, and the ticks hold equally many samples, give or take one."""
     ticks, held = np.unique(time, return_counts=True)
     tick = float(np.median(np.diff(ticks)))
     middle = np.diff(ticks)

@@ -180,7 +180,7 @@ def new_file(path: Path, *, replace: bool = False) -> Iterator[BinaryIO]:
 
 
 def in_use(path: Path) -> bool:
-    """Whether a recorder has the file open, which its lock shows; False if the file cannot be opened."""
+    """Return whether a recorder has the file open, which its lock shows; False if the file cannot be opened."""
     try:
         with path.open("rb") as file:
             return not lock(file.fileno(), shared=True)

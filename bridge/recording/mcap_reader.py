@@ -81,7 +81,7 @@ class McapReader:
 
     @property
     def whole(self) -> bool:
-        """Whether the file is finished and undamaged."""
+        """True if the file is finished and undamaged."""
         return self.finished and not self.trouble
 
     def entries(self) -> Iterator[Entry]:

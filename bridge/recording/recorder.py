@@ -296,5 +296,5 @@ class WardRecorder:
 
 
 def _repeated(kind: Kind, said: Said) -> bool:
-    """Whether the next file begins with the message; not with a rejected calibration, as the one before stays in force."""
+    """Return whether the next file begins with the message; not with a rejected calibration, as the one before stays in force."""
     return kind.repeated and not (isinstance(said, Calibration) and said.verdict is not Verdict.ACCEPTED)

@@ -66,7 +66,7 @@ class _Heard:
             self.recent.popleft()
 
     def awaited(self, batch: CorrectedBatch, now_s: float, *, patient: bool) -> bool:
-        """Whether a message about the last sample of the batch may still come."""
+        """Return whether a message about the last sample of the batch may still come."""
         if not self.recent or now_s - self.recent[-1][0] > SILENT_S:
             return patient
         last = self.recent[-1][1]
@@ -91,7 +91,7 @@ class _Device:
     waiting: deque[tuple[float, CorrectedBatch]] = field(default_factory=deque)
 
     def over(self, now_s: float) -> bool:
-        """Whether nothing waits, and nothing came for long."""
+        """Return whether nothing waits, and nothing came for long."""
         return not self.waiting and all(
             not one.recent or one.recent[-1][0] < now_s - _KEPT_S for one in (self.readings, self.attitudes)
         )

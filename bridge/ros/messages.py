@@ -25,7 +25,7 @@ _LAST_NS: Final = (1 << 31) * _NS - 1
 
 
 def available() -> bool:
-    """Whether rosbags, the optional package that encodes ROS 2 messages, is installed."""
+    """Return whether rosbags, the optional package that encodes ROS 2 messages, is installed."""
     return importlib.util.find_spec("rosbags") is not None
 
 

@@ -54,7 +54,7 @@ def check(out: Path, recorded: Path) -> None:
 
 
 def _is_corrected(path: Path) -> bool:
-    """Whether a file is a corrected recording, which may be overwritten."""
+    """Return whether a file is a corrected recording, which may be overwritten."""
     try:
         if path.suffix == ".npz":
             with zipfile.ZipFile(path) as archive:

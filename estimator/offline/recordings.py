@@ -242,7 +242,7 @@ class _Pass:
 
     @property
     def calibrated(self) -> bool:
-        """Whether the session has a calibration by now."""
+        """True if the session has a calibration by now."""
         return self._session.calibration is not None
 
     def _note(self, outcome: Outcome) -> None:

@@ -61,7 +61,7 @@ def write(file: IO[bytes], arrays: Mapping[str, Array]) -> None:
 
 
 def holds(path: Path, name: str) -> bool:
-    """Whether a file has a dataset of this name; False if the file is not HDF5."""
+    """Return whether a file has a dataset of this name; False if the file is not HDF5."""
     try:
         with h5py.File(path, "r") as file:
             return name in file

@@ -58,7 +58,7 @@ def write(file: IO[bytes], columns: Mapping[str, NDArray[np.generic]]) -> None:
 
 
 def holds(path: Path, name: str) -> bool:
-    """Whether a file has a column of this name; False if the file is not Parquet."""
+    """Return whether a file has a column of this name; False if the file is not Parquet."""
     try:
         return name in pq.read_schema(path).names
     except (OSError, pa.ArrowInvalid):

@@ -91,7 +91,7 @@ def split(line: str, separator: str | None) -> list[str]:
 
 
 def is_number(cell: str, decimal: str = ".") -> bool:
-    """Whether a cell holds a number, with this decimal mark; quotes and blanks around it are ignored."""
+    """Return whether a cell holds a number, with this decimal mark; quotes and blanks around it are ignored."""
     cell = cell.strip().strip('"')
     if decimal == ",":
         if "." in cell and "," not in cell:

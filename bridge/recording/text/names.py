@@ -100,8 +100,7 @@ def _of_axis(axis: str, unit: str, words: list[str], others: set[str]) -> Name:
 
 def _time(unit: str, words: list[str], others: set[str]) -> Name:
     if unit not in TIME:
-        found = next((spelling(word) for word in words if spelling(word) in TIME and word not in {"s", "min"}), "")
-        unit = found
+        unit = next((spelling(word) for word in words if spelling(word) in TIME and word not in {"s", "min"}), "")
     rank = 2 - 2 * bool(others & _OWN_CLOCK) + 2 * bool(others & _ARRIVAL)
     rank += bool(others & _ACCEL) - bool(others & _GYRO)
     return Name("time", "", unit, tuple(words), rank)

@@ -11,7 +11,7 @@ DAY_S = 86_400.0
 
 
 def is_clock(cell: str) -> bool:
-    """Whether a cell contains a time of day, such as 10:15:00.25 or 3:15:00 PM."""
+    """Return whether a cell contains a time of day, such as 10:15:00.25 or 3:15:00 PM."""
     return _CLOCK.search(cell) is not None
 
 

@@ -78,7 +78,7 @@ class Tool(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     time: Time | None = None
 
     def is_of(self, path: Path, names: list[str]) -> bool:
-        """Whether a file is an export of this tool: its name fits, and its column names include the tool's."""
+        """Return whether a file is an export of this tool: its name fits, and its column names include the tool's."""
         there = set(names)
         fits = fnmatch(path.name.lower(), self.file.lower())
         return bool(self.header) and fits and there.issuperset(self.header)
