@@ -42,7 +42,7 @@ async def calibrate(request: Request) -> Response:
     story = desk.story(name)
     await desk.remember(name)
     knobs = desk.treatment.of(name, story.info.model if story.info else "")
-    guide = Guide(knobs.method, knobs.stillness, horizontal=knobs.horizontal_turns)
+    guide = Guide(knobs.method, knobs.prior.noise_std, horizontal=knobs.horizontal_turns)
     if story.status is not None:
         guide.take_status(story.status)
     page = guide_view(guide.told(), desk.known, name, time.monotonic())

@@ -62,4 +62,4 @@ class GuideTopic(topics.Topic):
 def _guide(sources: Sources, device: str) -> Guide:
     story = sources.known.stories.get(device)
     knobs = sources.treatment.of(device, story.info.model if story and story.info else "")
-    return Guide(knobs.method, knobs.stillness, horizontal=knobs.horizontal_turns)
+    return Guide(knobs.method, knobs.prior.noise_std, horizontal=knobs.horizontal_turns)
