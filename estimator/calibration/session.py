@@ -18,7 +18,7 @@ from estimator.calibration.session_events import Finished, Ignored, Progress, Re
 from estimator.calibration.stages import REST_S, Stages
 from estimator.calibration.turn_recognition import NoTurn, recognise, rough_scale, same_bias
 from estimator.geometry.gyro_model import AXES, axis_names
-from estimator.stillness.detector import StillnessKnobs, too_seldom
+from estimator.stillness.detector import too_seldom
 
 #: turns older than this, or made at a different bias, are not combined with new ones
 STALE_S = 600.0
@@ -134,7 +134,7 @@ class CalibrationSession:
         if (largest := self._history.largest) > ABSURD:
             because = (Code.READINGS_IN_DEGREES(rate_rad_s=f"{largest:.0f}"),)
         elif not self.rested:
-            seldom = too_seldom(self._history.rate_hz, StillnessKnobs())
+            seldom = too_seldom(self._history.rate_hz)
             because = seldom or (Code.NEVER_STILL(duration_s=f"{REST_S:g}"),)
         elif not self._moved_about:
             because = (Code.NEVER_MOVED(),)

@@ -46,7 +46,6 @@ def knobs_of(model: NoiseModel, knobs: SessionKnobs | None = None) -> SessionKno
         wander=WanderKnobs(bias_instability=instability, rate_random_walk=float(model.rrw.max())),
         scale_limit=max(_TOLERANCES * model.scale_tolerance, _BY_HAND),
         prior=replace(knobs.prior, bias_std=model.turn_on_bias, scale_std=model.scale_tolerance, noise_std=noise),
-        stillness=replace(knobs.stillness, noise_guess=noise),
         track=replace(track, bias=bias, gravity=gravity),
     )
 

@@ -65,7 +65,7 @@ class BootCalibration:
         self._cancelled_until = float("inf")
         self._slope_learnt = False  # whether the slope of a calibrated bias was learnt under a law
         self._knobs, self._life, self._events, self._as_message = knobs, life, events, as_message
-        self._stillness = Stillness(knobs.stillness)
+        self._stillness = Stillness(knobs.prior.noise_std)
         self._belief = believed(None, None, knobs.prior)
         self.tracker = Tracker(knobs.track, began, self._belief.model, self._belief.bias_std, law)
 

@@ -387,7 +387,7 @@ class DeviceSession(CorrectedStream):
     def _too_seldom(self) -> Sentences:
         told = self.info
         rate_hz = max(told.rate_hz, told.measured_rate_hz) if told is not None else 0.0
-        return too_seldom(rate_hz, self.knobs.stillness)
+        return too_seldom(rate_hz)
 
     def _rate(self) -> float:
         seconds = self._blocks.seconds

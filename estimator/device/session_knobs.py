@@ -6,7 +6,6 @@ from math import inf
 from estimator.calibration.bias_wander import WanderKnobs
 from estimator.calibration.method_names import DEFAULT
 from estimator.geometry.gyro_model import PriorKnobs
-from estimator.stillness.detector import StillnessKnobs
 from estimator.tracking.track_knobs import TrackKnobs
 
 
@@ -26,5 +25,4 @@ class SessionKnobs:
     prior: PriorKnobs = field(default_factory=PriorKnobs)
     #: bias wander during calibration on a turntable or a servo
     wander: WanderKnobs = field(default_factory=WanderKnobs)
-    stillness: StillnessKnobs = field(default_factory=StillnessKnobs)
     track: TrackKnobs = field(default_factory=TrackKnobs)

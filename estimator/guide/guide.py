@@ -12,7 +12,7 @@ from estimator.calibration.turn_recognition import LEAST_TURN
 from estimator.geometry.gyro_model import AXES
 from estimator.guide.hand_motion import Hand
 from estimator.guide.steps import Instruction, Picture, Step, Words
-from estimator.stillness.detector import StillnessKnobs
+from estimator.stillness.detector import NOISE_GUESS
 
 CALIBRATING = (State.AWAITING_STILL, State.BIAS_ONLY, State.TURNING)
 _CALIBRATED = (State.TRACKING, State.DEGRADED)
@@ -77,15 +77,13 @@ SIDES = 6
 class Guide:
     """Guide of one device's calibration by hand: turns its status and readings into instructions for a person.
 
-    Stillness is judged with the estimator's own settings.
+    noise_guess: rad/s, white noise of one reading of the device, assumed until a rest has shown it, as in the estimator.
     method: the calibration method. horizontal: each turn must be about a horizontal axis, so the device is stood on its
     side for the turn about its upright axis.
     """
 
-    def __init__(
-        self, method: str = DEFAULT, stillness: StillnessKnobs | None = None, *, horizontal: bool = False
-    ) -> None:
-        self.hand, self.method, self._horizontal = Hand(stillness), method, horizontal
+    def __init__(self, method: str = DEFAULT, noise_guess: float = NOISE_GUESS, *, horizontal: bool = False) -> None:
+        self.hand, self.method, self._horizontal = Hand(noise_guess), method, horizontal
         self._sides: tuple[int, ...] = ()
         self._status: Status | None = None
         self._boot = 0

@@ -6,7 +6,7 @@ from bridge.wire.messages import Floats, SampleBatch, SampleFlag
 from estimator.calibration.stages import REST_S
 from estimator.calibration.turn_recognition import LEAST_TURN, MOST_TURN, NUDGE
 from estimator.geometry import rotation
-from estimator.stillness.detector import Stillness, StillnessKnobs, Window
+from estimator.stillness.detector import GAP_S, NOISE_GUESS, Stillness, Window
 
 #: smallest part of the rotation about one axis for that axis to be named during the turn
 SHARE = 0.8
@@ -22,14 +22,14 @@ class Hand:
     Angles in rad, as read: no scale factor is applied. Axes are 0, 1, 2 in the device's frame.
     """
 
-    def __init__(self, stillness: StillnessKnobs | None = None) -> None:
-        self._knobs = stillness or StillnessKnobs()
+    def __init__(self, noise_guess: float = NOISE_GUESS) -> None:
+        self._noise_guess = noise_guess
         self.rest_s = REST_S
         self._begin(None)
 
     def _begin(self, boot: int | None) -> None:
         self.boot = boot
-        self._stillness = Stillness(self._knobs)
+        self._stillness = Stillness(self._noise_guess)
         self._latest = self._until = -np.inf
         self._since: float | None = None
         self._sum, self._n, self._bias = np.zeros(3), 0, np.zeros(3)
@@ -99,7 +99,7 @@ class Hand:
                 self.turned, self._moved = np.zeros(3), np.eye(3)
             self._since, self.still_s, self.settled = None, 0.0, False
         if not self.settled:
-            since = self._until if window.start_time - self._until < self._stillness.knobs.gap_s else window.start_time
+            since = self._until if window.start_time - self._until < GAP_S else window.start_time
             step = (window.mean - self._bias) * (window.end_time - since)
             self.turned, self._moved = self.turned + step, self._moved @ rotation.chained(step[None])[-1]
         self._until = window.end_time

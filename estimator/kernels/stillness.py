@@ -187,7 +187,7 @@ def judged(rows: Floats, state: Floats, recent: Floats, knobs: tuple[float, ...]
     state (5, 4), each row a number and three axes: time and reading of the last sample; number of windows in this rest,
     and its mean after four of them; begin and mean of a stretch that is quiet at another rate; sample rate at which the
     noise was learnt, and the noise; unused, and the mean of the last rest.
-    recent (RECENT, 7): mean, rate and std of the latest windows of this rest. knobs: numbers of StillnessKnobs, as
+    recent (RECENT, 7): mean, rate and std of the latest windows of this rest. knobs: limits of stillness/detector.py, as
     ordered in the detector.
     """
     window_s, least, _, _, _, _, _, _, gap_s, far, unusual, alone = knobs

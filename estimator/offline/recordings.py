@@ -68,7 +68,7 @@ def calibrate(
     """
     knobs = knobs or SessionKnobs()
     samples = Samples(recording.time_s, recording.gyro, recording.accel, _flags(recording, gyro_range) & UNFIT != 0)
-    windows = Stillness(knobs.stillness).feed(samples.time, samples.gyro, samples.accel, samples.clipped)
+    windows = Stillness(knobs.prior.noise_std).feed(samples.time, samples.gyro, samples.accel, samples.clipped)
     result, passed_over = _calibrated(samples, windows, method, gyro_range, rates, knobs)
     poses = RestingPoses()
     for _, second in Seconds().take(windows):

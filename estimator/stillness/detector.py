@@ -6,8 +6,6 @@ either; it is replaced by their mean.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
-from functools import cache
 from math import radians
 from typing import NamedTuple
 
@@ -22,52 +20,35 @@ from estimator.state import Floats, StateStruct, shaped
 Flags = NDArray[np.bool_]
 
 
-@dataclass(frozen=True, slots=True)
-class SpikeKnobs:
-    """Limits beyond which a single gyro reading is a spike."""
-
-    #: least distance from the mean of its neighbours, rad/s, which a tap does not reach; and as a multiple of the usual
-    #: distance
-    far: float = radians(200.0)
-    factor: float = 10.0
-    #: least distance as a multiple of the distances of the readings beside it
-    alone: float = 1.5
-
-
-@dataclass(frozen=True, slots=True)
-class StillnessKnobs:
-    """Limits within which a window is still; standard deviations of rates in rad/s, of accelerations in m/s².
-
-    window_s: least length of a window; min_samples: its least number of samples. accel_std: largest standard deviation
-    of a still window's accelerometer readings.
-    """
-
-    window_s: float = 0.125
-    min_samples: int = 6
-    #: white noise of one reading, assumed until a rest has shown it
-    noise_guess: float = radians(0.15)
-    #: a window is still when its standard deviation stays below this multiple of the noise ...
-    noise_factor: float = 5.0
-    #: ... or below this, so that a very quiet device is not disturbed by a footfall
-    std_floor: float = radians(0.2)
-    accel_std: float = 0.3
-    #: largest distance of a still window's mean from the mean of the last rest
-    mean_tolerance: float = radians(1.5)
-    #: a constant rate of at least this long is a new rest: no hand turns so evenly
-    new_reference_s: float = 20.0
-    #: more than this is movement for any learnt noise: a tremor must not be learnt as rest
-    std_ceiling: float = radians(1.5)
-    #: stillness does not span a gap of this length: a movement may hide in it
-    gap_s: float = 0.25
-    spike: SpikeKnobs = field(default_factory=SpikeKnobs)
+#: least length of a window, s, and its least number of samples
+WINDOW_S, MIN_SAMPLES = 0.125, 6
+#: rad/s, white noise of one reading, assumed until a rest has shown it
+NOISE_GUESS = radians(0.15)
+#: a window is still when its standard deviation stays below this multiple of the noise ...
+NOISE_FACTOR = 5.0
+#: ... or below this, rad/s, so that a very quiet device is not disturbed by a footfall
+STD_FLOOR = radians(0.2)
+#: m/s², largest standard deviation of a still window's accelerometer readings
+ACCEL_STD = 0.3
+#: rad/s, largest distance of a still window's mean from the mean of the last rest
+MEAN_TOLERANCE = radians(1.5)
+#: s; a constant rate of at least this long is a new rest: no hand turns so evenly
+NEW_REFERENCE_S = 20.0
+#: rad/s; more than this is movement for any learnt noise: a tremor must not be learnt as rest
+STD_CEILING = radians(1.5)
+#: s; stillness does not span a gap of this length: a movement may hide in it
+GAP_S = 0.25
+#: a spike: its least distance from the mean of its neighbours, rad/s, which a tap does not reach; the same as a multiple of
+#: the usual distance, and of the distances of the readings beside it
+SPIKE_FAR, SPIKE_FACTOR, SPIKE_ALONE = radians(200.0), 10.0, 1.5
 
 
-def too_seldom(rate_hz: float, knobs: StillnessKnobs) -> Sentences:
+def too_seldom(rate_hz: float) -> Sentences:
     """Reason why a stream of this sample rate is never judged still; () if the rate is high enough.
 
-    With a gap of `gap_s` or more between samples, a movement may hide between any two.
+    With a gap of GAP_S or more between samples, a movement may hide between any two.
     """
-    least = 1 / knobs.gap_s
+    least = 1 / GAP_S
     if not 0 < rate_hz < 1.05 * least:  # margin of 5 %: at exactly the least rate some samples come late
         return ()
     return (Code.RATE_TOO_LOW(rate_hz=f"{rate_hz:.1f}", least_hz=f"{least:g}"),)
@@ -186,16 +167,15 @@ class StillnessState(StateStruct):
 class Stillness:
     """Stillness detector: samples in, judged windows out.
 
-    Window boundaries depend on the samples alone, never on their batching.
+    noise_guess: rad/s, white noise of one reading, until a rest has shown it. Window boundaries depend on the samples
+    alone, never on their batching.
     """
 
-    def __init__(self, knobs: StillnessKnobs | None = None) -> None:
-        self.knobs = knobs or StillnessKnobs()
+    def __init__(self, noise_guess: float = NOISE_GUESS) -> None:
         #: (3,) rad/s, white noise of one reading, as known when the latest window closed
-        self.noise_std: Floats = np.full(3, self.knobs.noise_guess)
+        self.noise_std: Floats = np.full(3, noise_guess)
         self.noise_known = False
-        self._numbers = _numbers(self.knobs)
-        self._state, self._recent = nothing_known(self.knobs.noise_guess)
+        self._state, self._recent = nothing_known(noise_guess)
         self._next = 0  # number of the first sample of the next window
         self._own = SampleBuffer()
 
@@ -206,9 +186,8 @@ class Stillness:
 
     def resume(self, saved: StillnessState) -> None:
         """Continue from a saved state. Raises ValueError for a damaged one."""
-        state, recent = nothing_known(self.knobs.noise_guess)
-        shaped(saved.state, *state.shape)
-        shaped(saved.recent, *recent.shape)
+        shaped(saved.state, *self._state.shape)
+        shaped(saved.recent, *self._recent.shape)
         shaped(saved.noise_std, 3, finite=True)
         if not 0 <= saved.state[1, 0] < 2**53:
             raise ValueError("damaged state: no state of stillness")
@@ -247,21 +226,13 @@ class Stillness:
         """
         first = self._next
         waiting = buffer.rows(first, end)
-        found = judged(waiting, self._state, self._recent, self._numbers)
+        numbers = (
+            *(WINDOW_S, float(MIN_SAMPLES), NOISE_FACTOR, STD_FLOOR, ACCEL_STD, MEAN_TOLERANCE),
+            *(NEW_REFERENCE_S, STD_CEILING, GAP_S, SPIKE_FAR, SPIKE_FACTOR, SPIKE_ALONE),
+        )
+        found = judged(waiting, self._state, self._recent, numbers)
         if len(found):
             self._next += int(found.item(-1, 2))
             self.noise_known = self.noise_known or bool(found[:, TOLD].any())
             self.noise_std = found[-1, NOISE]
         return Windows(found, waiting, first)
-
-
-@cache
-def _numbers(knobs: StillnessKnobs) -> tuple[float, ...]:
-    """Knobs in the order in which the kernel unpacks them; devices with equal knobs share one tuple."""
-    spike = knobs.spike
-    numbers = (
-        *(knobs.window_s, knobs.min_samples, knobs.noise_factor, knobs.std_floor, knobs.accel_std),
-        *(knobs.mean_tolerance, knobs.new_reference_s, knobs.std_ceiling, knobs.gap_s),
-        *(spike.far, spike.factor, spike.alone),
-    )
-    return tuple(float(number) for number in numbers)

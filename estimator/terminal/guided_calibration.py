@@ -93,7 +93,7 @@ class Heard:
     def __init__(self, client: Client, device: str, knobs: SessionKnobs) -> None:
         self._client, self._device, self._known = client, device, Known(client.ward)
         self.guide, self.story = (
-            Guide(knobs.method, knobs.stillness, horizontal=knobs.horizontal_turns),
+            Guide(knobs.method, knobs.prior.noise_std, horizontal=knobs.horizontal_turns),
             self._known.story(device) or Story(0),
         )
         self._samples, self._statuses = client.raw(device), client.follow(device)

@@ -171,7 +171,7 @@ class Desk:
         """Make the guide of a device's calibration, with the settings of the device."""
         story = self.known.stories.get(device)
         knobs = self.treatment.of(device, story.info.model if story and story.info else "")
-        return Guide(knobs.method, knobs.stillness, horizontal=knobs.horizontal_turns)
+        return Guide(knobs.method, knobs.prior.noise_std, horizontal=knobs.horizontal_turns)
 
     async def ask(self, device: str, verb: str, who: str, words: str | Placement = "") -> CommandReply:
         """Send a command to the estimator and return its reply.

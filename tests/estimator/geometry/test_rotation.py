@@ -26,17 +26,3 @@ def test_attitudes_are_those_of_products_one_by_one(n: int) -> None:
     rng = np.random.default_rng(n)
     rate, dt = rng.normal(0, 3, (n, 3)), rng.uniform(0.005, 0.02, n)
     np.testing.assert_allclose(rotation.attitudes(rate, dt), one_by_one(rate, dt), atol=1e-12, rtol=0)
-
-
-def test_coned_steps_are_mean_rates_whose_direction_changes() -> None:
-    """A rate that turns evenly in a plane, read as means over long intervals: third order against first."""
-    fine = np.arange(64 * 20) / (64 * 20)
-    rate = np.column_stack([np.cos(2 * fine), np.sin(2 * fine), 0.5 * np.ones_like(fine)])
-    dt = np.full(len(fine), 1 / len(fine))
-    true = rotation.attitudes(rate, dt)[-1]
-    steps = (rate * dt[:, None]).reshape(20, 64, 3).sum(axis=1)
-
-    def off(used: Floats) -> float:
-        return float(np.linalg.norm(rotation.log(rotation.chained(used)[-1].T @ true)))
-
-    assert off(rotation.coned(steps)) < off(steps) / 10

@@ -44,7 +44,7 @@ class Bench:
         self._due: deque[Piece] = deque()
         self._motion, self._sensor = Motion(self._pieces(), self.attitude), ImuErrorModel(DEMO_SPEC, self.rng)
         knobs = Treatment().of(NAME)
-        self.session, self.guide, self._n = DeviceSession(NAME, knobs), Guide(knobs.method, knobs.stillness), 0
+        self.session, self.guide, self._n = DeviceSession(NAME, knobs), Guide(knobs.method, knobs.prior.noise_std), 0
 
     def _pieces(self) -> Iterator[Piece]:
         while True:

@@ -64,7 +64,7 @@ def test_turns_that_do_not_fit_are_repeated() -> None:
 def test_a_method_by_movements_wants_sides_and_no_turns() -> None:
     of = in_poses(7, 14, after=4)
     knobs = SessionKnobs(method="transitions")
-    device, guide = DeviceSession("chest", knobs), Guide(knobs.method, knobs.stillness)
+    device, guide = DeviceSession("chest", knobs), Guide(knobs.method, knobs.prior.noise_std)
     told = follow(guide, device, of.batches(range(BATCH, len(of), BATCH)))
     assert {one.step for one in told} == {Step.WARM, Step.PLACE, Step.POSE, Step.SETTLE, Step.DONE}
     poses = [one for one in told if one.step is Step.POSE]

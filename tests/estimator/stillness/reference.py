@@ -10,7 +10,8 @@ from statistics import median
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.stillness.detector import SpikeKnobs, StillnessKnobs, Window
+from estimator.stillness import detector as limits
+from estimator.stillness.detector import Window
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -20,10 +21,9 @@ Three = list[float]
 class ReferenceStillness:
     """As estimator.stillness.detector.Stillness."""
 
-    def __init__(self, knobs: StillnessKnobs) -> None:
-        self.knobs = knobs
+    def __init__(self) -> None:
         self.noise_known = False
-        self.noise_std: Floats = np.full(3, knobs.noise_guess)
+        self.noise_std: Floats = np.full(3, limits.NOISE_GUESS)
         self._noise_hz = 0.0  # the rate of the samples that showed it; 0 until then
         self._reference: Three | None = None
         self._anchor: Three | None = None  # the reference when this rest began
@@ -45,12 +45,14 @@ class ReferenceStillness:
 
     def _cut(self) -> int:
         """How many of the samples that are held make the next window; 0 when there are too few."""
-        knobs, time = self.knobs, self._time.tolist()
-        if len(time) < knobs.min_samples or time[-1] - time[0] < knobs.window_s:
+        time = self._time.tolist()
+        if len(time) < limits.MIN_SAMPLES or time[-1] - time[0] < limits.WINDOW_S:
             return 0
-        n = max(knobs.min_samples, bisect_left(time, time[0] + knobs.window_s) + 1)
+        n = max(limits.MIN_SAMPLES, bisect_left(time, time[0] + limits.WINDOW_S) + 1)
         most = n + 2
-        while n <= len(time) and n < most and np.abs(self._read[n - 1] - self._read[n - 2])[:3].max() > knobs.spike.far:
+        while (
+            n <= len(time) and n < most and np.abs(self._read[n - 1] - self._read[n - 2])[:3].max() > limits.SPIKE_FAR
+        ):
             n += 1
         return n if n <= len(time) else 0
 
@@ -60,13 +62,13 @@ class ReferenceStillness:
         begun, ended = float(time[0]), float(time[-1])
         last_time, last_gyro = self._last or (begun, read[0, :3])
         mean, std, spikes = read.mean(axis=0), read.std(axis=0, ddof=1), 0
-        if std[:3].max() * sqrt(2 * (n - 1)) > self.knobs.spike.far:
-            before = last_gyro if begun - last_time < self.knobs.gap_s else read[0, :3]
-            gyro, spiked = mended(before, read[:, :3], self.knobs.spike)
+        if std[:3].max() * sqrt(2 * (n - 1)) > limits.SPIKE_FAR:
+            before = last_gyro if begun - last_time < limits.GAP_S else read[0, :3]
+            gyro, spiked = mended(before, read[:, :3])
             read, clipped, spikes = np.hstack([gyro, read[:, 3:]]), clipped & ~spiked, int(spiked.sum())
             mean, std = read.mean(axis=0), read.std(axis=0, ddof=1)
         self._last = ended, read[-1, :3]
-        gap = any(b - a >= self.knobs.gap_s for a, b in pairwise([last_time, *time.tolist()]))
+        gap = any(b - a >= limits.GAP_S for a, b in pairwise([last_time, *time.tolist()]))
         if gap:
             self._odd.clear()
         aided = not np.isnan(mean[3])
@@ -82,10 +84,9 @@ class ReferenceStillness:
     def _judge(
         self, begun: float, ended: float, mean: Three, std: Floats, denser: float, accel_std: Three | None
     ) -> bool:
-        knobs = self.knobs
-        limits = np.clip(knobs.noise_factor * denser * self.noise_std, knobs.std_floor, knobs.std_ceiling)
-        calm = accel_std is None or max(accel_std) <= knobs.accel_std
-        if not calm or (std > limits).any():
+        most = np.clip(limits.NOISE_FACTOR * denser * self.noise_std, limits.STD_FLOOR, limits.STD_CEILING)
+        calm = accel_std is None or max(accel_std) <= limits.ACCEL_STD
+        if not calm or (std > most).any():
             self._odd.clear()
             return False
         if self._reference is None or self._near(mean, self._reference):
@@ -96,13 +97,13 @@ class ReferenceStillness:
         return self._adopt_odd(begun, ended, mean)
 
     def _near(self, mean: Three, reference: Three) -> bool:
-        return all(abs(a - b) < self.knobs.mean_tolerance for a, b in zip(mean, reference, strict=True))
+        return all(abs(a - b) < limits.MEAN_TOLERANCE for a, b in zip(mean, reference, strict=True))
 
     def _adopt_odd(self, begun: float, ended: float, mean: Three) -> bool:
         if self._odd and not self._near(mean, self._odd[0][1]):
             self._odd.clear()
         self._odd.append((begun, mean))
-        if ended - self._odd[0][0] < self.knobs.new_reference_s:
+        if ended - self._odd[0][0] < limits.NEW_REFERENCE_S:
             return False
         self._reference, self._anchor = mean, None
         self._odd.clear()
@@ -127,13 +128,13 @@ class ReferenceStillness:
             self._noise_hz = sorted(rates)[n // 2]
 
 
-def mended(before: Floats, gyro: Floats, knobs: SpikeKnobs) -> tuple[Floats, Flags]:
+def mended(before: Floats, gyro: Floats) -> tuple[Floats, Flags]:
     """The readings (n, 3) without lone spikes, and which were (n,); before (3,): the reading ahead of them."""
     around = np.concatenate([before[None], gyro])
     between = 0.5 * (around[:-2] + around[2:])
     off = np.abs(around[1:-1] - between)
     agreed = off > np.abs(around[2:] - around[:-2])
     beside = np.pad(off, ((1, 1), (0, 0)))
-    alone = off > knobs.alone * np.maximum(beside[:-2], beside[2:])
-    lone = agreed & alone & (off > np.maximum(knobs.far, knobs.factor * np.median(off, axis=0)))
+    alone = off > limits.SPIKE_ALONE * np.maximum(beside[:-2], beside[2:])
+    lone = agreed & alone & (off > np.maximum(limits.SPIKE_FAR, limits.SPIKE_FACTOR * np.median(off, axis=0)))
     return np.concatenate([np.where(lone, between, gyro[:-1]), gyro[-1:]]), np.append(lone.any(axis=1), False)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from estimator.stillness.detector import Stillness, StillnessKnobs, Window
+from estimator.stillness.detector import NEW_REFERENCE_S, Stillness, Window
 
 Floats = NDArray[np.float64]
 RATE = 104.0
@@ -69,7 +69,7 @@ def test_a_constant_rate_that_lasts_is_a_new_rest() -> None:
     gyro = noise(4000)
     gyro[520:] += np.radians(8.0)
     still = [w.end_time for w in windows(gyro) if w.still and w.end > 520]
-    assert still[0] == pytest.approx(5.0 + StillnessKnobs().new_reference_s, abs=0.5)
+    assert still[0] == pytest.approx(5.0 + NEW_REFERENCE_S, abs=0.5)
 
 
 def test_quiet_moments_of_a_movement_do_not_add_up_to_a_rest() -> None:

@@ -9,13 +9,12 @@ from numpy.typing import NDArray
 
 from estimator.kernels.stillness import TOLD
 from estimator.samples.sample_buffer import ACCEL, CELSIUS, GYRO, Floats
-from estimator.stillness.detector import Stillness, StillnessKnobs, Window
+from estimator.stillness import detector
+from estimator.stillness.detector import Stillness, Window
 from tests.estimator.stillness.reference import ReferenceStillness
 
 Flags = NDArray[np.bool_]
 Columns = tuple[Floats, Floats, Floats, Flags]
-#: there are new rests within a stream of a minute
-KNOBS = StillnessKnobs(new_reference_s=4.0)
 
 
 def some_time(rng: np.random.Generator) -> Floats:
@@ -54,10 +53,10 @@ def some_gyro(rng: np.random.Generator, time: Floats) -> Floats:
 def spiked(rng: np.random.Generator, time: Floats, gyro: Floats) -> Flags:
     """Put spikes into gyro: alone, side by side, just far enough and not quite, behind gaps, and steps; what was clipped."""
     clipped = rng.random(len(gyro)) < 0.002
-    silent = np.flatnonzero(np.diff(time) > KNOBS.gap_s) + 1
+    silent = np.flatnonzero(np.diff(time) > detector.GAP_S) + 1
     places = [*rng.integers(0, len(gyro), rng.integers(0, 60)), *silent[rng.random(len(silent)) < 0.5]]
     for i in places:
-        size = KNOBS.spike.far * rng.choice([-1, 1]) * rng.choice([0.9, 1.01, 1.5, 3.0, 10.0])
+        size = detector.SPIKE_FAR * rng.choice([-1, 1]) * rng.choice([0.9, 1.01, 1.5, 3.0, 10.0])
         gyro[i : i + rng.choice([1, 2, 40], p=[0.8, 0.1, 0.1]), rng.random(3) < 0.5] += size
         clipped[i] |= rng.random() < 0.5
     return clipped
@@ -100,7 +99,7 @@ def parts_of(
 
 
 def fed(columns: Columns, edges: list[int], *, aided: bool) -> list[Judged]:
-    stillness, found = Stillness(KNOBS), list[Judged]()
+    stillness, found = Stillness(), list[Judged]()
     for part in parts_of(columns, edges, aided=aided):
         known, windows = stillness.noise_known, stillness.feed(*part)
         found += [
@@ -112,7 +111,7 @@ def fed(columns: Columns, edges: list[int], *, aided: bool) -> list[Judged]:
 
 
 def witnessed(columns: Columns, edges: list[int], *, aided: bool) -> list[Judged]:
-    witness = ReferenceStillness(KNOBS)
+    witness = ReferenceStillness()
     return [
         (window, witness.noise_std, witness.noise_known)
         for part in parts_of(columns, edges, aided=aided)
@@ -121,7 +120,8 @@ def witnessed(columns: Columns, edges: list[int], *, aided: bool) -> list[Judged
 
 
 @pytest.mark.parametrize("seed", range(100, 116))
-def test_it_agrees_with_its_witness(seed: int) -> None:
+def test_it_agrees_with_its_witness(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(detector, "NEW_REFERENCE_S", 4.0)  # there are new rests within a stream of a minute
     rng = np.random.default_rng(seed)
     columns, aided = some_stream(rng), rng.random() < 0.8
     edges = [sorted(rng.integers(0, len(columns[0]), n).tolist()) for n in rng.choice([0, 20, 100, 1000], 2)]

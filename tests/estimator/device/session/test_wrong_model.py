@@ -20,7 +20,7 @@ def refused(seed: int) -> tuple[Status, list[str]]:
     nudge = Turn(1.0, np.array([1.0, 0.0, 0.0]), 0.2, np.array([[0.0, 1.0, 1.0]]))
     device, plan = DeviceSession(NAME, knobs), (TurnPlan(2), TurnPlan(0), TurnPlan(1))
     stream = calibration(*plan, seed=seed, after=[nudge, Still(4.0)])
-    told = follow(Guide(knobs.method, knobs.stillness), device, batches(stream))
+    told = follow(Guide(knobs.method, knobs.prior.noise_std), device, batches(stream))
     assert device.life.state is State.TURNING
     return device.status(1), [one.code for one in told[-1].wrong]
 
@@ -42,7 +42,7 @@ def test_several_devices_refused_alike_are_said_once_with_the_setting() -> None:
 def test_a_turn_taken_after_it_is_no_fault() -> None:
     knobs = Treatment(model="factory-calibrated").of(NAME)
     plan = turned(TurnPlan(2), TurnPlan(0), TurnPlan(1), TurnPlan(2), seed=3)
-    told = follow(Guide(knobs.method, knobs.stillness), device := DeviceSession(NAME, knobs), batches(plan))
+    told = follow(Guide(knobs.method, knobs.prior.noise_std), device := DeviceSession(NAME, knobs), batches(plan))
     reasons = [one.code for one in device.life.reason]
     assert reasons == [Code.TURN_TAKEN, Code.TURNS_NEEDED, Code.NOT_ONE_TURN]
     assert told[-1].wrong == ()
