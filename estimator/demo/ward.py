@@ -120,17 +120,10 @@ class Ward:
 
     def stop(self, name: str, number: signal.Signals = signal.SIGTERM) -> None:
         """Stop one process with a signal; it is killed when it does not end, and faults go to `complaints`."""
-        self._tell(name, number)
-        self._ended(name, number)
-
-    def _tell(self, name: str, number: signal.Signals) -> None:
-        process = self._processes[name]
+        process = self._processes.pop(name)
         if process.poll() is not None:
             self.complaints.append(f"the {name} stopped unexpectedly with exit code {process.returncode}")
         process.send_signal(number)
-
-    def _ended(self, name: str, number: signal.Signals) -> None:
-        process = self._processes.pop(name)
         try:
             process.wait(_PATIENCE_S)
         except subprocess.TimeoutExpired:
@@ -171,14 +164,9 @@ class Ward:
         return (self.folder / f"{name}.log").read_text(encoding="utf-8", errors="replace")
 
     def close(self) -> None:
-        """Stop the processes, the router after all others have ended, and unplug all devices."""
-        others = [name for name in self._processes if name != "router"]
-        for name in others:
-            self._tell(name, signal.SIGTERM)
-        for name in others:
-            self._ended(name, signal.SIGTERM)
-        if "router" in self._processes:
-            self.stop("router")
+        """Stop the processes, the last started first, and unplug all devices."""
+        for name in reversed(list(self._processes)):
+            self.stop(name)
         for port in self.ports.values():
             port.close()
 

@@ -20,8 +20,8 @@ from tests.web.conftest import OUT
 pytestmark = [pytest.mark.ward, pytest.mark.xdist_group("ward"), pytest.mark.timeout(300)]
 #: one device for each test
 NAME, OTHER = "wrist", "ankle"
-#: how much faster than life the devices live, which lie still until somebody turns them: a terminal hears statuses once a second
-SPEED, FASTER = 4.0, 8.0
+#: how much faster than life the devices live, which lie still until somebody turns them
+SPEED = 4.0
 
 
 @pytest.fixture(scope="module")
@@ -84,15 +84,14 @@ def test_a_newcomer_from_the_ward_page_to_the_verdict(
     assert page.locator(".figure").evaluate("picture => picture.decode().then(() => picture.naturalWidth)") > 1000
     keep(page, "certificate")
     assert terminal.wait(60) == 0
-    lines = told.read_text(encoding="utf-8")
-    # What was said first a terminal may miss that on a busy machine heard of the device late.
-    assert lines.index("Turn it round once, flat on the table") < lines.index("Done: it is calibrated")
+    # Of the steps before, a terminal on a busy machine may miss any: it hears one a second.
+    assert "Done: it is calibrated" in told.read_text(encoding="utf-8")
     print(f"from plugging it in to the verdict: {took_s:.0f} s, {lived_s:.0f} s of the device's time")  # noqa: T201
 
 
 def test_a_turn_that_fails_a_cancel_and_a_reboot(ward: Ward, page: Page) -> None:
     table = Table(OTHER, 5)
-    ward.plug(OTHER, table.device, speed=FASTER, lossless=True)
+    ward.plug(OTHER, table.device, speed=SPEED, lossless=True)
     hand, do = Hand(page, table), page.locator("#do")
     hand.from_the_ward_page(OTHER)
     # Half a turn does not count: it is said why, and only that one is asked for again.
@@ -120,6 +119,7 @@ def test_a_turn_that_fails_a_cancel_and_a_reboot(ward: Ward, page: Page) -> None
     hand.wait_for(("turn",))
     table.reboot()
     expect(page.locator("#rebooted")).to_contain_text("The turns are lost.")
+    expect(page.locator('#turns [data-mark="done"]')).to_have_count(0)  # until then the step is that before the reboot
     keep(page, "guide-rebooted")
     hand.follow()
     expect(do).to_have_text("Done: it is calibrated")
