@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from bridge.bus.certificate_metric import certificate
 from bridge.bus.routers import Routers
-from bridge.runtime.health_server import HealthSource, MetricFamily
+from bridge.runtime.health_server import MetricFamily
 from bridge.wire.messages import State, Status
 from estimator.device.lifecycle import AWAY, NEVER_S
 
@@ -70,11 +70,6 @@ class ServiceHealth:
         """Replace the health snapshot by one assignment, so that a reader on any thread sees the old or the new one."""
         self._note = note
 
-    @property
-    def asked(self) -> HealthSource:
-        """Callbacks for a health server: `families` for metrics, `sick` for /healthz, `unready` for /readyz."""
-        return HealthSource(self.families, self.sick, self.unready)
-
     def sick(self) -> list[str]:
         """Reasons why the process is not alive: its loop is stuck. Empty when it is alive.
 
@@ -130,7 +125,7 @@ class ServiceHealth:
             "ward_events",
             "Messages and samples of the ward that were refused or lost, by cause.",
             ("event",),
-            _by(note.counts),
+            {(label,): n for label, n in note.counts.items()},
             counter=True,
         )
         yield MetricFamily(
@@ -203,7 +198,3 @@ def _of_devices(devices: Mapping[str, DeviceHealth]) -> Iterator[MetricFamily]:
 def _evidence_age(of: DeviceHealth) -> float:
     age_s = of.status.evidence_age_s
     return age_s if age_s < NEVER_S else math.nan
-
-
-def _by(counts: Mapping[str, int]) -> dict[tuple[str, ...], float]:
-    return {(label,): n for label, n in counts.items()}
