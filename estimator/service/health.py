@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from bridge.bus.certificate_metric import certificate
 from bridge.bus.routers import Routers
-from bridge.runtime.health_server import MetricFamily
+from bridge.runtime.health_server import HealthSource, MetricFamily
 from bridge.wire.messages import State, Status
 from estimator.device.lifecycle import AWAY, NEVER_S
 
@@ -69,6 +69,11 @@ class ServiceHealth:
     def note(self, note: Note) -> None:
         """Replace the health snapshot by one assignment, so that a reader on any thread sees the old or the new one."""
         self._note = note
+
+    @property
+    def asked(self) -> HealthSource:
+        """Callbacks for a health server: `families` for metrics, `sick` for /healthz, `unready` for /readyz."""
+        return HealthSource(self.families, self.sick, self.unready)
 
     def sick(self) -> list[str]:
         """Reasons why the process is not alive: its loop is stuck. Empty when it is alive.

@@ -14,7 +14,7 @@ from bridge.bus.startup import claim_id, wait_for_router
 from bridge.config.schema import listening
 from bridge.config.ward_file import WardFile
 from bridge.pki.member import Role
-from bridge.runtime.health_server import HealthServer, HealthSource
+from bridge.runtime.health_server import HealthServer
 from bridge.runtime.service_manager import supervised
 from bridge.runtime.signals import stopped_by_signal
 from estimator.alerts.sender import Sender
@@ -53,8 +53,7 @@ def run(ward: Ward, file: WardFile[Ward] | None = None) -> None:
     vitals = ServiceHealth(expects=bool(ward.bridge and ward.bridge.devices), routers=routers)
     with stopped_by_signal() as stop, ExitStack() as stack:
         if ward.estimator.health:
-            source = HealthSource(vitals.families, vitals.sick, vitals.unready)
-            stack.enter_context(HealthServer(listening(ward.estimator.health), source))
+            stack.enter_context(HealthServer(listening(ward.estimator.health), vitals.asked))
         stack.enter_context(owned(ward.estimator.store))
         stack.enter_context(supervised(vitals.sick))
         database = Database(ward.estimator.store, patient=True, alone=True, backups=ward.estimator.backups)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from bridge.runtime.health_server import HealthServer, HealthSource
+from bridge.runtime.health_server import HealthServer
 from estimator.cli.main import main
 from estimator.device.lifecycle import Event
 from estimator.service.health import STUCK_S, Note, ServiceHealth
@@ -39,7 +39,7 @@ def test_metrics_of_a_device_that_is_calibrated(ward: Ward, once: Stream) -> Non
     ward.service.work()
     ward.send(once.batches()[-4:])  # three of them repeated
     a_second(ward)
-    with HealthServer(("127.0.0.1", 0), HealthSource(vitals.families, vitals.sick, vitals.unready)) as health:
+    with HealthServer(("127.0.0.1", 0), vitals.asked) as health:
         code, said = get(health.port, "/metrics")
         assert get(health.port, "/readyz") == (200, "ok\n")
     values = dict(line.rsplit(" ", 1) for line in said.splitlines() if line.startswith("truerate_"))
