@@ -130,7 +130,7 @@ class ServiceHealth:
             "ward_events",
             "Messages and samples of the ward that were refused or lost, by cause.",
             ("event",),
-            _by(note.counts),
+            {(label,): n for label, n in note.counts.items()},
             counter=True,
         )
         yield MetricFamily(
@@ -203,7 +203,3 @@ def _of_devices(devices: Mapping[str, DeviceHealth]) -> Iterator[MetricFamily]:
 def _evidence_age(of: DeviceHealth) -> float:
     age_s = of.status.evidence_age_s
     return age_s if age_s < NEVER_S else math.nan
-
-
-def _by(counts: Mapping[str, int]) -> dict[tuple[str, ...], float]:
-    return {(label,): n for label, n in counts.items()}

@@ -6,6 +6,7 @@ bias history are thinned (`retention`).
 
 from collections import Counter
 from collections.abc import Iterable
+from importlib.metadata import version
 from pathlib import Path
 
 import msgspec
@@ -19,7 +20,6 @@ from estimator.service.retention import THIN
 from estimator.service.store_reader import REPEATED, StoreReader
 from estimator.service.store_rows import (
     Kept,
-    own_version,
     repeat_request,
     written,
 )
@@ -52,7 +52,7 @@ class Store(StoreReader):
             "verdict": c.verdict.name,
             "reason": written(c.reason),
             "who": c.who,
-            "version": own_version(),
+            "version": version("truerate"),
         }
         row |= restore_key(c) | {"payload": codec.encode_calibration(c)}
         self.database.insert("calibrations", row, "ON CONFLICT (id) DO NOTHING")

@@ -2,8 +2,6 @@
 
 import logging
 from collections.abc import Iterable
-from functools import cache
-from importlib.metadata import version
 from typing import Any, NamedTuple
 
 import msgspec
@@ -96,9 +94,3 @@ def kept_in(row: dict[str, Any]) -> Kept | None:
 def repeat_request(device: str, boot: int) -> str:
     """Request id under which the audit notes that a boot number was used by two power-ups."""
     return f"{device} {keys.boot_id(boot)}"
-
-
-@cache
-def own_version() -> str:
-    """Version of the installed truerate package, such as `1.2.0`."""
-    return version("truerate")
