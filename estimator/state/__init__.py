@@ -1,5 +1,6 @@
 """State as bytes: typed msgspec structs, arrays as shape and float64 values, deflated; checked when decoded."""
 
+import threading
 import zlib
 from typing import Any, TypeVar
 
@@ -10,6 +11,8 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 T = TypeVar("T")
 
+#: msgspec describes a type at its first use, and crashes when two threads do so at once
+_ONE_AT_A_TIME = threading.Lock()
 #: most bytes of an inflated state, and most values in one array
 _MOST_BYTES, _MOST_VALUES = 1 << 22, 1 << 18
 
@@ -34,7 +37,8 @@ def decode(data: bytes, kind: type[T]) -> T:
     """
     inflating = zlib.decompressobj()
     try:
-        return msgspec.msgpack.decode(inflating.decompress(data, _MOST_BYTES), type=kind, dec_hook=_unpacked)
+        with _ONE_AT_A_TIME:
+            return msgspec.msgpack.decode(inflating.decompress(data, _MOST_BYTES), type=kind, dec_hook=_unpacked)
     except (zlib.error, msgspec.MsgspecError) as error:
         raise ValueError(f"damaged state: {str(error).removeprefix('damaged state: ')}") from error
 
