@@ -3,8 +3,6 @@
 from pathlib import Path
 from typing import NamedTuple
 
-from serial.tools.list_ports import comports
-
 DEV = Path("/dev")
 _KINDS = ("ttyUSB", "ttyACM", "rfcomm")
 
@@ -21,6 +19,8 @@ def find(dev: Path = DEV) -> list[Found]:
 
     by-id names stay with the device, by-path names with the USB socket, ttyUSB0 with neither.
     """
+    from serial.tools.list_ports import comports  # noqa: PLC0415 - only a scan and doctor need it
+
     stable: dict[str, str] = {}
     for folder in ("serial/by-id", "serial/by-path"):
         for name in sorted((dev / folder).glob("*")):

@@ -16,7 +16,7 @@ def test_a_port_is_called_by_its_most_stable_name(tmp_path: Path, monkeypatch: p
     }
     known = ports["ttyUSB0"]
     known.manufacturer, known.product, known.serial_number = "Silicon Labs", "CP2102 [x]", "7"
-    monkeypatch.setattr("bridge.diagnose.serial_ports.comports", lambda: list(ports.values()))
+    monkeypatch.setattr("serial.tools.list_ports.comports", lambda: list(ports.values()))
     (tmp_path / "serial/by-id/usb-Silicon_Labs_CP2102_7-if00-port0").symlink_to("../../ttyUSB0")
     (tmp_path / "serial/by-id/usb-left-over").symlink_to("../../ttyUSB9")
     for socket, name in (("1", "ttyUSB0"), ("2", "ttyUSB2")):
