@@ -152,7 +152,7 @@ class Bus(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
         messages.
         """
         wanted = " or ".join(f"{role.value}:{name}" if name else role.value for role in roles)
-        make = f"Make one: truerate pki issue {wanted.split(' or ')[0]}{'' if name else ':NAME'}"
+        make = f"Run truerate pki issue {wanted.split(' or ')[0]}{'' if name else ':NAME'}"
         if self.pki:
             known = identities_in(Path(self.pki))
             for role in roles:
@@ -162,7 +162,7 @@ class Bus(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
             try:
                 next(Path(self.pki).iterdir(), None)
             except OSError as error:
-                raise ConfigError(f"[bus]: pki: {self.pki} cannot be read: {os_errors.why(error)}. {make}") from None
+                raise ConfigError(f"[bus]: pki: {self.pki} cannot be read: {os_errors.why(error)}") from None
             raise ConfigError(f"[bus]: pki: {self.pki} has no certificate for {wanted}. {make}")
         routers = self.every()[0]
         if routers.identity is not None:

@@ -123,7 +123,8 @@ def _private(pem: bytes) -> ec.EllipticCurvePrivateKey:
     except TypeError:
         raise ValueError("the private key has a password: remove it with openssl pkey -in FILE -out NEW") from None
     if not isinstance(key, ec.EllipticCurvePrivateKey):
-        raise ValueError(f"truerate makes no {type(key).__name__}: renew the certificate where its key was made")  # noqa: TRY004
+        wrong = f"truerate does not make keys of type {type(key).__name__}"
+        raise ValueError(f"{wrong}: renew the certificate with the tool that made it")  # noqa: TRY004
     return key
 
 

@@ -63,7 +63,7 @@ class Member:
         Raises ValueError with the expected format.
         """
         role, _, rest = text.partition(":")
-        name, colon, generation = rest.partition(":")
+        name, _, generation = rest.partition(":")
         roles = [known.value for known in Role]
         if role not in roles:
             raise ValueError(
@@ -75,5 +75,7 @@ class Member:
             raise ValueError(refusal.detail) from None
         made = cls(Role(role), name, int(generation) if generation.isascii() and generation.isdecimal() else 1)
         if made.common_name != text:
-            raise ValueError(f"{text!r}: {colon + generation!r} is no generation: write ':2' or higher, or nothing")
+            raise ValueError(
+                f"{text!r} should end in the certificate's generation, a number from 2 such as ':2', or in nothing for the first"
+            )
         return made

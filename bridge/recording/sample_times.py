@@ -33,7 +33,7 @@ def sample_times(
         notes.append(f"{count(int(again.sum()), 'row')} left out: equal to an earlier row, including the time")
         keep_rows(columns, ~again)
     if len(columns["t_s"]) < 2:
-        raise RecordingError(f"{path}: {count(len(columns['t_s']), 'different row')}; at least 2 are needed")
+        raise RecordingError(f"{path}: {count(len(columns['t_s']), 'distinct row')}; at least 2 are needed")
     try:
         mended = mend(columns["t_s"], tick_s)
     except ClockFault as fault:

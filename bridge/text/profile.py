@@ -348,7 +348,7 @@ def _in_si(unit: str, units: Mapping[str, float], sensitivity: float | None, key
             raise ValueError(f"{key} applies only to unit = {_COUNTS!r}, but unit is {unit!r}: remove it")
         return factor
     if sensitivity is None:
-        raise ValueError(f"unit {_COUNTS!r} needs {key}: give the value of the sensor's data sheet")
+        raise ValueError(f"unit {_COUNTS!r} needs {key}: give the value from the sensor's data sheet")
     if not 0 < sensitivity < 1e6:
         raise ValueError(
             f"{key} is {sensitivity:g}: give the value of one count, above 0, as in the sensor's data sheet"

@@ -268,7 +268,9 @@ class Problem:
 
 def _accel(rest: Rest) -> Floats:
     if rest.accel is None:
-        raise ValueError("a rest has no accelerometer readings, which the method transitions needs")
+        raise ValueError(
+            "one of the rests has no accelerometer readings; the method 'transitions' needs them at every rest"
+        )
     return rest.accel
 
 

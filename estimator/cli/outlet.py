@@ -61,7 +61,11 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     for name, outlet in OUTLETS.items():
         verb = add_verb(inner, name, partial(_serve, name, outlet), outlet.does, f"Example: {outlet.example}")
         verb.add_argument(
-            "--device", dest="devices", action="append", metavar="ID", help="device; repeatable (default: all)"
+            "--device",
+            dest="devices",
+            action="append",
+            metavar="ID",
+            help="device to send on; repeatable (default: all)",
         )
         import_module(f"estimator.outlets.{name}").add_arguments(verb)
         add_ward(verb)

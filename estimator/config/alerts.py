@@ -46,13 +46,13 @@ class Alerts(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
             if kind not in HOLD_S:
                 raise ValueError(f"hold_s: unknown alert {kind!r}; {nearest(kind, HOLD_S)}")
             if not 0 <= seconds <= 604_800:
-                raise ValueError(f"hold_s of {kind} is {seconds:g}; 0 to 604800 is taken")
+                raise ValueError(f"hold_s of {kind} is {seconds:g}; allowed: 0 to 604800")
         if not 1 <= self.clear_s <= 86_400:
-            raise ValueError(f"clear_s is {self.clear_s:g}; 1 to 86400 is taken")
+            raise ValueError(f"clear_s is {self.clear_s:g}; allowed: 1 to 86400")
         if self.quiet_hours and not _HOURS.match(self.quiet_hours):
             raise ValueError(f"quiet_hours is {self.quiet_hours!r}; write for example '22:00-06:00'")
         if self.language not in ("en", "zh"):
-            raise ValueError(f"language is {self.language!r}; 'en' or 'zh' is taken")
+            raise ValueError(f"language is {self.language!r}; allowed: 'en' or 'zh'")
 
     def hold(self, kind: str) -> float:
         """Return how long a trouble of a kind must last before it is an alert, s."""

@@ -111,11 +111,11 @@ class Dashboard(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
                     f"origins: {origin!r} is not an origin; one looks like 'https://lab.example' or 'http://localhost:8000'"
                 )
         if not 0.05 <= self.session_hours <= 168:
-            raise ValueError(f"session_hours is {self.session_hours:g}; 0.05 to 168 is taken")
+            raise ValueError(f"session_hours is {self.session_hours:g}; allowed: 0.05 to 168")
         if not 1 <= self.idle_minutes <= 10_080:
-            raise ValueError(f"idle_minutes is {self.idle_minutes:g}; 1 to 10080 is taken")
+            raise ValueError(f"idle_minutes is {self.idle_minutes:g}; allowed: 1 to 10080")
         if not 1 <= self.due_days <= 3650:
-            raise ValueError(f"due_days is {self.due_days:g}; 1 to 3650 is taken")
+            raise ValueError(f"due_days is {self.due_days:g}; allowed: 1 to 3650")
 
     @property
     def commanded(self) -> bool:

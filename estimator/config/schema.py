@@ -91,9 +91,9 @@ class Estimator(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
         for device in self.placements:
             schema.check(device, "a device in placements")
         if not 0 <= self.warming_s <= 3600:
-            raise ValueError(f"warming_s is {self.warming_s:g}; 0 to 3600 is taken")
+            raise ValueError(f"warming_s is {self.warming_s:g}; allowed: 0 to 3600")
         if not 0.2 <= self.silence_s <= 600:
-            raise ValueError(f"silence_s is {self.silence_s:g}; 0.2 to 600 is taken")
+            raise ValueError(f"silence_s is {self.silence_s:g}; allowed: 0.2 to 600")
 
 
 class Ward(schema.Root, frozen=True, forbid_unknown_fields=True, kw_only=True):

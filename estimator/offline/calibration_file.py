@@ -334,7 +334,7 @@ def _symmetric(name: str, rows: list[list[float]], n: int) -> Floats:
 
 def _within(name: str, values: Floats, low: float, high: float) -> Floats:
     if not np.all((values >= low) & (values <= high)):
-        raise ValueError(f"{name} is {np.round(values, 5).tolist()}; {low:g} to {high:g} is taken")
+        raise ValueError(f"{name} is {np.round(values, 5).tolist()}; allowed: {low:g} to {high:g}")
     return values
 
 

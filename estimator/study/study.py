@@ -41,7 +41,7 @@ class Scenario(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     def __post_init__(self) -> None:
         for key in ("runs", "quick_runs"):
             if (value := getattr(self, key)) < 1:
-                raise ValueError(f"{key} is {value}; 1 or more is taken")
+                raise ValueError(f"{key} is {value}; allowed: 1 or more")
 
 
 @dataclass(frozen=True, slots=True)

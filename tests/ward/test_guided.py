@@ -102,7 +102,7 @@ def test_a_turn_that_fails_a_cancel_and_a_reboot(ward: Ward, page: Page) -> None
     hand.follow()
     expect(do).to_have_text("Done: it is calibrated")
     # Anew, as the nurse; cancelled in the middle of a turn: the calibration before stays.
-    page.get_by_role("link", name="Log in to begin").click()
+    page.get_by_role("link", name="Log in to calibrate").click()
     page.get_by_label("Name").fill("nurse")
     page.get_by_label("Password").fill(PASSWORD)
     page.keyboard.press("Enter")

@@ -219,6 +219,7 @@ def test_twenty_devices_at_one_look_sixty_on_a_wall_and_numbers_on_request(page:
     page.wait_for_timeout(1200)
     assert page.evaluate(_SEEN) == 60
     assert page.locator("main :is(button, input, select):visible").count() == 0
+    expect(page.get_by_role("time")).to_have_text(re.compile(r"\d+:\d\d:\d\d"))
     shot("wall")
     assert serious(page) == []
 

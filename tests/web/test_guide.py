@@ -41,7 +41,7 @@ def open_guide(page: Page, words: str = PLACE) -> None:
 
 
 def log_in(page: Page) -> None:
-    page.get_by_role("link", name="Log in to begin").click()
+    page.get_by_role("link", name="Log in to calibrate").click()
     page.get_by_label("Name").fill("nurse")
     page.get_by_label("Password").fill(PASSWORD)
     page.keyboard.press("Enter")
@@ -92,7 +92,7 @@ def test_from_the_table_to_the_verdict_without_a_click(page: Page, played: Playe
     played.play_piece(3, 0.6)
     expect(page.locator('.picture:visible [data-way="-1"]')).to_be_visible()
     played.play_piece(4)
-    expect(page.locator("#do")).to_have_text("Tip it over once, sideways")
+    expect(page.locator("#do")).to_have_text("Tip it to the right, all the way round")
     shot("guide-turn-across")
     played.play_piece(6)
     expect(page.locator("#do")).to_have_text(DONE)

@@ -69,7 +69,7 @@ async def devices(request: Request) -> Response:
     desk = Desk.of(request)
     only = known_parameters(request, "only").getlist("only")
     if len(only) > MOST_WORDS:
-        words = f"'only' is there {len(only)} times; at most {MOST_WORDS} are taken."
+        words = f"'only' is there {len(only)} times; at most {MOST_WORDS} are allowed."
         raise Fault(HTTPStatus.BAD_REQUEST, "bad_parameter", words)
     rows = desk.known.rows(time.monotonic())
     for word in only:
@@ -115,10 +115,10 @@ def known_parameters(request: HTTPConnection, *names: str) -> QueryParams:
 def _nothing_like(word: str, rows: list[DeviceRow]) -> None:
     """Raise Fault where a word of ?only= is probably mistyped."""
     if len(word) > LONGEST:
-        words = f"'only' has a word of {len(word)} characters; at most {LONGEST} are taken."
+        words = f"'only' has a word of {len(word)} characters; at most {LONGEST} are allowed."
         raise Fault(HTTPStatus.BAD_REQUEST, "bad_parameter", words)
     if not word:
-        raise Fault(HTTPStatus.BAD_REQUEST, "bad_parameter", "'only' is empty; a state or an id is taken.")
+        raise Fault(HTTPStatus.BAD_REQUEST, "bad_parameter", "'only' is empty; give a state or an id.")
     state = word.lower().replace("-", " ").replace("_", " ") in URGENCY
     if not (state or set(word) & set("*?") or chosen(rows, [word])):
         heard = f"; heard are: {listed(row.device for row in rows)}" if rows else ""
@@ -128,7 +128,7 @@ def _nothing_like(word: str, rows: list[DeviceRow]) -> None:
 
 def _limit(text: str) -> int:
     if not (text.isascii() and text.isdigit() and len(text) < 9 and 1 <= int(text) <= answers.MOST):
-        words = f"'limit' is {text[:40]!r}; 1 to {answers.MOST} is taken."
+        words = f"'limit' is {text[:40]!r}; allowed: 1 to {answers.MOST}."
         raise Fault(HTTPStatus.BAD_REQUEST, "bad_parameter", words)
     return int(text)
 

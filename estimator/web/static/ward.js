@@ -135,7 +135,14 @@ function wide(n) {
   list.style.setProperty("--columns", columns);
   list.style.setProperty("--rows", Math.ceil(n / columns));
 }
-if (wall) { wide(list.children.length); addEventListener("resize", () => wide(list.children.length)); }
+// Its clock stands still when the screen does.
+const clock = document.getElementById("clock"), tick = () => { clock.textContent = new Date().toLocaleTimeString(document.documentElement.lang, { hour12: false }); };
+if (wall) {
+  wide(list.children.length);
+  addEventListener("resize", () => wide(list.children.length));
+  tick();
+  setInterval(tick, 1000);
+}
 
 function share(counts, of) {
   const picture = document.querySelector(".share");

@@ -185,7 +185,7 @@ def test_a_study_of_the_paper_needs_a_scenario_it_can_read(tmp_path: Path, capsy
     own = tmp_path / "own.toml"
     for text, said in (
         (shipped + "\nnoise = 1\n", "unknown key 'noise'; did you mean 'noise_dps'?"),
-        (shipped.replace("runs = 15000", "runs = 0"), "runs is 0; 1 or more is taken"),
+        (shipped.replace("runs = 15000", "runs = 0"), "runs is 0; allowed: 1 or more"),
         (shipped.replace("[5.5e-3, 2.5e-2]", "[5.5e-3]"), "paper_band has 1 numbers and noise_dps 2"),
     ):
         own.write_text(text, encoding="utf-8")
