@@ -1,8 +1,8 @@
 """Installs the release in dist/ on a new Debian 12, uses, upgrades, downgrades and removes it, and prints a table.
 
 `make release-check`, as root, after `make release ARGS=x86_64`. Needs Debian's packages debootstrap, systemd-container,
-lintian, chromium and libnss3-tools. The machine has its own systemd and no network; kernel, clock and processors are of
-this machine.
+lintian, chromium, libnss3-tools, podman and buildah. The machine has its own systemd and no network; kernel, clock and
+processors are of this machine. The containers need a network.
 Exit code 1 if a check failed.
 """
 
@@ -14,8 +14,10 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator
+from itertools import chain
 from pathlib import Path
 
+from containers import containers
 from machine import Machine, debootstrap, wait
 from rich.console import Console
 from rich.table import Table
@@ -54,7 +56,9 @@ def main() -> int:
                     print(*row, flush=True)
                     rows.append(row)
             shutil.rmtree(root)
-        rows.append(_lintian(package))
+        for row in chain(containers(package, work, SUBSCRIBER), [_lintian(package)]):
+            print(*row, flush=True)
+            rows.append(row)
     table = Table("check", "measured", "")
     for what, measured, passed in rows:
         table.add_row(what, measured, "pass" if passed else "FAIL")
@@ -91,9 +95,11 @@ def _package(machine: Machine, package: Path, work: Path) -> Iterator[Row]:
     yield _doctor(machine, doctor)
     yield _tablets(machine, passwords, restart)
     done = machine.run("sudo -u truerate truerate people list --config /etc/truerate/ward.toml")
-    yield "people, as the page changed them", " ".join(done.stdout.split()), "joy" in done.stdout
+    people = done.stdout
+    yield "people, as the page changed them", " ".join(people.split()), "joy" in people
     done = machine.run("systemctl start truerate-backup && ls /var/lib/truerate/backups")
     yield "nightly backup", done.stdout.strip() + _why(done), done.returncode == 0 and bool(done.stdout.strip())
+    yield _restored(machine, people)
     done = machine.run("systemctl kill -s KILL truerate-estimator; sleep 8; systemctl is-active truerate-estimator")
     yield "killed estimator is started again", done.stdout.strip(), done.returncode == 0
     units = "/usr/lib/systemd/system/truerate*.service /usr/lib/systemd/system/truerate*.t*"
@@ -140,6 +146,21 @@ def _tablets(machine: Machine, passwords: dict[str, str], restart: str) -> Row:
         said, failed = tablets.communicate(timeout=300)
     what = "calibrated from a second browser over TLS; a person added"
     return what, said.strip() or failed.strip()[-500:], tablets.returncode == 0
+
+
+def _restored(machine: Machine, people: str) -> Row:
+    """Lose store and people, and restore both from the nightly backup, as docs/upgrade.md says."""
+    done = machine.run(
+        "systemctl stop truerate-estimator && cd /var/lib/truerate && rm -f ward.sqlite3* people.toml"
+        " && sudo -u truerate truerate store restore $(ls backups/ward-*T*.sqlite3 | tail -1) --config /etc/truerate/ward.toml"
+        " && systemctl start truerate-estimator"
+    )
+    found = machine.run("sudo -u truerate truerate people list --config /etc/truerate/ward.toml").stdout
+    return (
+        "restored with its people",
+        f"{' '.join(found.split())}{_why(done)}",
+        done.returncode == 0 and found == people,
+    )
 
 
 def _bundle(machine: Machine, bundle: Path, _work: Path) -> Iterator[Row]:

@@ -12,14 +12,14 @@ from typing import Self
 PACKAGES = "systemd,systemd-sysv,udev,dbus,sudo,procps,ca-certificates,python3,python3-venv,libstdc++6,bluez,man-db"
 
 
-def debootstrap(folder: Path) -> None:
-    """Make the folder's Debian, unless an earlier call made it."""
+def debootstrap(folder: Path, packages: str = PACKAGES) -> None:
+    """Make the folder's Debian, with these packages, unless an earlier call made it."""
     if folder.exists():
         return
     making = folder.with_name(f"{folder.name}.new")
     subprocess.run(["rm", "-rf", str(making)], check=True)
     folder.parent.mkdir(exist_ok=True)
-    words = ["debootstrap", "--variant=minbase", f"--include={PACKAGES}", "bookworm", str(making)]
+    words = ["debootstrap", "--variant=minbase", f"--include={packages}", "bookworm", str(making)]
     subprocess.run(words, check=True, stdout=subprocess.DEVNULL)
     making.rename(folder)
 

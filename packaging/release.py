@@ -31,6 +31,8 @@ PLATFORMS = {"x86_64": "amd64", "aarch64": "arm64"}
 MAINTAINER = "truerate maintainers <maintainers@localhost>"
 #: extras for the analysis of recordings of other tools, which the bundle has and the Debian package has not
 ANALYSIS = ("cwa", "hdf5", "parquet", "xdf")
+#: Their builds can leave out the tests, 60 MB (SciPy's manual: "Building redistributable binaries"); so does the package.
+OPTIONAL_TESTS = ("matplotlib", "mpl_toolkits", "numpy", "scipy")
 #: published as source alone; without a compiler they are pure Python, for any platform
 SOURCES = ("cobs",)
 
@@ -148,6 +150,9 @@ def _debian(work: Path, wheels: Path, platform: str, version: str) -> None:
     for path in (environment / "bin").iterdir():
         if path.name != "truerate" and not path.name.startswith("python"):
             path.unlink()
+    for library in OPTIONAL_TESTS:
+        for folder in list((environment / f"lib/python{PYTHON_VERSION}/site-packages" / library).rglob("tests")):
+            shutil.rmtree(folder)
     for path in environment.rglob("*"):
         if path.name in {"direct_url.json", "uv_cache.json", "REQUESTED", ".gitignore", ".lock"}:
             path.unlink()

@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING
 from bridge.cli.parser import Verbs, add_group, add_verb
 from bridge.config.schema import ConfigError, load
 from bridge.runtime.logs import printable
+from bridge.runtime.regular_file import content
+from bridge.runtime.whole_file import rewrite
 from bridge.terminal.plurals import count
 from bridge.terminal.progress import Bar
 from estimator.cli.store_options import add_store, backups_of
@@ -22,7 +24,8 @@ if TYPE_CHECKING:
 
 STORE = """The store is the only file of an estimator that needs a backup. A running estimator makes a backup every day, in the
 folder `backups` beside the store or in `[estimator] backups`, and keeps the newest seven. Do not copy a store with `cp`: the
-copy would lack the newest entries.
+copy would lack the newest entries. With --config, `store backup` also copies the `people_file` that the ward file names, and
+`store restore` gives those people back to a ward that lists none.
 
 examples:
   truerate store backup /mnt/backup/ --config configs/ward.toml
@@ -73,6 +76,7 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
 
 
 def _backup(given: argparse.Namespace) -> int:
+    from estimator.config.people_file import people_in  # noqa: PLC0415 - tomlkit is slow to import
     from estimator.database import StoreError, back_up, inspect  # noqa: PLC0415
 
     place, to = backups_of(given).store, Path(given.to)
@@ -87,6 +91,9 @@ def _backup(given: argparse.Namespace) -> int:
         raise StoreError(found.fault)
     back_up(place, to)
     print(f"backed up {place} as {to}: {_contents(inspect(to))}")
+    if (paths := _people(given, to.parent)) and people_in(paths[0]):
+        rewrite(paths[1], content(paths[0]))
+        print(f"backed up {paths[0]} as {paths[1]}")
     if given.keep is not None:
         dated = re.compile(re.escape(place.stem) + r"-\d{8}T\d{6}" + re.escape(place.suffix))
         for old in sorted(one for one in to.parent.iterdir() if dated.fullmatch(one.name))[: -given.keep]:
@@ -143,6 +150,7 @@ def _check(given: argparse.Namespace) -> int:
 
 
 def _restore(given: argparse.Namespace) -> int:
+    from estimator.config.people_file import people_in  # noqa: PLC0415 - as above
     from estimator.database import StoreError, inspect, owned, restore  # noqa: PLC0415
     from estimator.database.owner import check_free  # noqa: PLC0415
 
@@ -161,7 +169,21 @@ def _restore(given: argparse.Namespace) -> int:
             )
     before = f"; the replaced file is kept as {aside}" if aside else ""
     print(f"restored {_shown(given, one)} as {backups.store}: {_contents(inspect(backups.store))}{before}")
+    # People who are listed stay: the copy may hold some who were removed since.
+    if (paths := _people(given, one.parent)) and paths[1].exists() and not people_in(paths[0]):
+        rewrite(paths[0], content(paths[1]))
+        print(f"restored {paths[1]} as {paths[0]}")
     return 0
+
+
+def _people(given: argparse.Namespace, folder: Path) -> tuple[Path, Path] | None:
+    """Return the ward's `people_file`, and the path of its copy in a folder of backups; None without a `people_file`."""
+    from estimator.config.schema import Ward  # noqa: PLC0415
+
+    ward = load(given.config, Ward) if given.config else None
+    if ward is None or not ward.dashboard.people_file:
+        return None
+    return Path(ward.dashboard.people_file), folder / f"{ward.ward}-people.toml"
 
 
 def _candidates(given: argparse.Namespace, backups: "Backups", folder: Path) -> Iterator[Path]:

@@ -14,12 +14,15 @@ from bridge.reasons.codes import Code
 from bridge.toml.loader import load
 from estimator.cli import doctor
 from estimator.cli.main import main
+from estimator.config.dashboard import Person
+from estimator.config.people_file import empty, people_in, put, remove
 from estimator.config.schema import Ward
 from estimator.database import owned
 from estimator.service.history import read, since
 from estimator.service.serve import copied
 from estimator.service.store import Store
 from estimator.service.store_reader import StoreReader
+from estimator.web.passwords import hashed
 from tests.bridge.bucket.server import Server, needed
 from tests.estimator.database.kept import CALIBRATIONS, fill, loaded
 from tests.estimator.stream import NAME
@@ -255,6 +258,28 @@ def test_restore_puts_a_backup_in_its_place(store: Store, tmp_path: Path, capsys
     torn.write_bytes(now[:9000])
     assert main(["store", "restore", str(torn), "--store", str(path)]) == 1
     assert "no undamaged backup" in capsys.readouterr().err
+
+
+def test_a_restored_ward_has_its_people(store: Store, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (folder := tmp_path / "backups").mkdir()
+    people, config = tmp_path / "people.toml", tmp_path / "ward.toml"
+    config.write_text(
+        f'ward = "w"\n[estimator]\nid = "e1"\nstore = "{store.path}"\n[dashboard]\npeople_file = "{people}"\n'
+    )
+    for name in ("nurse", "chief"):
+        put(people, "w", Person(name=name, role="operator", password=hashed("a long password")))
+    kept = people_in(people)
+    assert main(["store", "backup", str(folder), "--config", str(config)]) == 0
+    assert (folder / "w-people.toml").stat().st_mode & 0o777 == 0o600, "password hashes"
+    store.database.back_up_if_due()
+    store.close()
+    remove(people, "chief")
+    assert main(["store", "restore", "--config", str(config)]) == 0
+    assert [one.name for one in people_in(people)] == ["nurse"], "whoever was removed stays removed"
+    people.write_text(empty("w"))
+    assert main(["store", "restore", "--config", str(config)]) == 0
+    assert people_in(people) == kept
+    assert f"restored {folder / 'w-people.toml'} as {people}" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
