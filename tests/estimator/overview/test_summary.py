@@ -80,7 +80,7 @@ def test_a_broken_law_is_trouble() -> None:
     good = statuses(a=State.TRACKING)["a"]
     for wrong, words in (
         (replace(good, samples_out=80), "10 are not accounted for"),
-        (replace(good, events={EVENT: 2}), "2 times"),
+        (replace(good, events={EVENT: 2}), "times: 2"),
     ):
         seen = summarise("w", {"a": wrong}, {}, ["b"], ["e"])
         assert words in english(seen.law["a"])
