@@ -2,7 +2,7 @@
 
 import threading
 from collections import Counter, deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 MOST_KEYS = 1024
@@ -101,3 +101,12 @@ class MessageQueue:
             self._over = True
             self._messages.clear()
             self._ready.notify_all()
+
+
+def newest_last(pasts: Iterable[Sequence[Message]]) -> list[Message]:
+    """Merge lists of messages, each list of one key: each key keeps its order, and the newest of all keys come last."""
+    by_key: dict[str, list[Message]] = {}
+    for past in pasts:
+        by_key.setdefault(past[0].key, []).extend(past)
+    aged = [(len(of) - n, message) for of in by_key.values() for n, message in enumerate(of)]
+    return [message for _, message in sorted(aged, key=lambda one: -one[0])]

@@ -4,7 +4,6 @@ import logging
 import threading
 import time
 from collections.abc import Callable, Iterable, Sequence
-from functools import partial
 from typing import TYPE_CHECKING
 
 import zenoh
@@ -12,7 +11,7 @@ from zenoh import handlers
 
 from bridge.bus.contract import Message
 from bridge.bus.gap_detection import Gap, GapDetector
-from bridge.bus.message_queue import MessageQueue
+from bridge.bus.message_queue import MessageQueue, newest_last
 from bridge.bus.publisher_cache import IDENTITY_BYTES, STAMP_BYTES, Source
 from bridge.bus.zenoh_session import Declared, Joined
 
@@ -65,8 +64,8 @@ class Subscription(MessageQueue, Declared):
 
     def begin(self, past: Found) -> None:
         """Deliver the history (messages by publisher and number) to the queue; live messages follow."""
-        for source, found in past.items():
-            self._hand_on(partial(self._sequences.history, source, found, time.monotonic()))
+        now_s = time.monotonic()
+        self._hand_on(lambda: newest_last(filter(None, (self._sequences.history(*one, now_s) for one in past.items()))))
         self._begun.set()
 
     def due(self) -> list[Gap]:

@@ -3,6 +3,7 @@
 The estimator subclasses `Root` to give the tables `estimator`, `dashboard` and `alerts` their types; here any content passes.
 """
 
+import os
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -267,11 +268,12 @@ class Bridge(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
             port = getattr(device.options, "port", None)
             if port is None:
                 continue
-            if port in ports:
+            place = port if "://" in port else os.path.realpath(port)  # a serial port has several names
+            if place in ports:
                 raise ValueError(
-                    f"devices {ports[port]!r} and {device.id!r} have the same port {port!r}: give each its own"
+                    f"devices {ports[place]!r} and {device.id!r} have the same port {port!r}: give each its own"
                 )
-            ports[port] = device.id
+            ports[place] = device.id
 
 
 class Root(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):

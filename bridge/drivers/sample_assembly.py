@@ -87,6 +87,13 @@ class SampleAssembler:
         """Note that the device reported a boot: the next sample begins it."""
         self._boots.said()
 
+    def paced(self, rate_hz: float) -> None:
+        """Set a new sample rate, Hz, which the device uses from the next sample on."""
+        if self._rate_hz:
+            self._flush()
+            self._rate_hz = rate_hz
+            self._steps.clear()
+
     def add(
         self,
         tick: int,

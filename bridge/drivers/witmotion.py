@@ -162,7 +162,7 @@ class WitMotionDecoder:
         return min(RATES_HZ.values(), key=lambda rate_hz: abs(log(rate_hz / max(counted_hz, 0.1))))
 
     def _assembled(self) -> list[Event]:
-        if self._asked and self._boot not in (0, self._assembly.boot):
+        if self._asked and self._settings.settled and self._boot not in (0, self._assembly.boot):
             self._ask()  # settings are lost in a reboot
         self._boot = self._assembly.boot
         return self._assembly.events()

@@ -4,7 +4,7 @@ from collections import deque
 from math import radians
 
 from bridge.drivers.byte_stream import StreamOptions, stream_kind
-from bridge.drivers.driver import Battery, Event, Notice
+from bridge.drivers.driver import Battery, Event, Identity, Notice
 from bridge.drivers.sample_assembly import DeviceDescription, SampleAssembler, Vector
 from bridge.drivers.ximu3_settings import SAMPLES_HZ, Settings
 from bridge.framing.lines import Line, Lines
@@ -19,6 +19,7 @@ UNSETTLED = "samples_before_settled"
 _MODEL = "x-IMU3"
 _REMEMBERED = 3  # messages of each kind, shown to people
 _PATIENCE_NS = 1_000_000_000  # to wait for the device's answers
+_SEEN = 0.1  # relative tolerance for recognising a new sample period
 
 
 class Ximu3Options(StreamOptions, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -56,6 +57,7 @@ class Ximu3Decoder:
         self._assembly = SampleAssembler(self.faults, self._about(), 1e-6)
         self._said = {error: deque[str](maxlen=_REMEMBERED) for error in (False, True)}
         self._temperature_c: float | None = None
+        self._time_us = 0  # device time of the latest sample
         self._boot = 0
         self.opened()
 
@@ -83,10 +85,13 @@ class Ximu3Decoder:
             if message is not None:
                 events += self._took(message, receive_time_ns)
         events += self._settings.passed(receive_time_ns)
-        if self._boot not in (0, self._assembly.boot):
-            self._ask()  # unsaved settings are lost in a reboot
-        self._boot = self._assembly.boot
-        return events + self._assembly.events()
+        assembled = self._assembly.events()
+        for event in assembled:
+            if isinstance(event, Identity) and event.boot != self._boot:
+                if self._boot:
+                    self._ask()  # unsaved settings are lost in a reboot
+                self._boot = event.boot
+        return events + assembled
 
     def finish(self) -> list[Event]:
         """Return the events of the samples still held, at the end of the stream, even if the rate is unknown."""
@@ -120,8 +125,12 @@ class Ximu3Decoder:
     def _sample(self, sample: Inertial, receive_time_ns: int) -> None:
         if not self._first_ns:
             self._first_ns = receive_time_ns
-            if self._settings.key is not None:
+            if self._settings.key is not None or not self._settings.name:
                 self._ask()  # questions sent before the device's first data may have been lost
+        coming_us, step_us, self._time_us = self._settings.coming_us, sample.time_us - self._time_us, sample.time_us
+        if coming_us is not None and abs(step_us / coming_us - 1) < _SEEN:
+            self._settings.coming_us = None
+            self._assembly.paced(1e6 / coming_us)
         if self._waits(receive_time_ns):
             self.faults.add(UNSETTLED)
             return

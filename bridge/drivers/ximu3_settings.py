@@ -28,6 +28,7 @@ class Settings(RequestQueue):
 
     chosen_hz: output data rate to set, None to leave it. writes: whether settings may be changed.
     name, serial, firmware, hardware: empty until answered.
+    coming_us: sample period, µs, that was set but not yet seen in the samples; None otherwise.
     """
 
     def __init__(self, chosen_hz: float | None, *, writes: bool) -> None:
@@ -36,6 +37,7 @@ class Settings(RequestQueue):
         self._may_write = writes
         self._written = Counter[str]()  # since the queries began
         self._unapplied = False
+        self.coming_us: float | None = None
         super().__init__(_AGAIN_S, _TIMES, self._unanswered)
 
     def ask(self) -> None:
@@ -44,6 +46,7 @@ class Settings(RequestQueue):
         for key in _ASKED:
             self.add(plain(key), _command(key, None))
         self._written.clear()
+        self.coming_us = None
 
     def took(self, reply: Reply) -> list[Notice]:
         """Handle the device's answer to a query or setting; return the notices that follow from it.
@@ -84,8 +87,9 @@ class Settings(RequestQueue):
         return _notice(Code.CORRECTS_ITSELF())
 
     def _divides(self, value: object) -> None:
-        if self._divisor not in (None, value) and type(value) is int:
-            self._write(DIVISOR, value=self._divisor)
+        wanted = self._divisor
+        if wanted is not None and wanted != value and type(value) is int and self._write(DIVISOR, value=wanted):
+            self.coming_us = 1e6 * wanted / SAMPLES_HZ
 
     def _write(self, key: str, *, value: object) -> bool:
         """Queue a setting; False if writing is not allowed, or was tried often enough."""

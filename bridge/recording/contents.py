@@ -34,13 +34,14 @@ def contents(
     """
     for path in paths:
         check_file(path)
-    done, total = 0, sum(path.stat().st_size for path in paths)
+    sizes = {path: path.stat().st_size for path in paths}  # a recorder may give a file its final name meanwhile
+    done, total = 0, sum(sizes.values())
     for path in sorted(paths, key=_begin_ns) if len(paths) > 1 else paths:
         for read, entry in _entries(path, trouble, refused):
             if (heard := _heard(entry, wanted or tuple(KINDS), refused)) is not None:
                 yield heard
             tell(done + read, total)
-        done += path.stat().st_size
+        done += sizes[path]
 
 
 def _heard(entry: Entry, wanted: Sequence[str], refused: Tally) -> Heard | None:

@@ -22,7 +22,7 @@ from bridge.bus.zenoh_bus import ZenohBus
 from bridge.recording.error import RecordingError
 from bridge.recording.files import Folder, recorded_in
 from bridge.recording.message_kinds import KINDS, SAMPLES
-from bridge.recording.recorder import WardRecorder
+from bridge.recording.recorder import MOST_REPEATED, WardRecorder
 from bridge.recording.settings import Recorder
 from bridge.runtime.service_manager import supervised
 from bridge.runtime.signals import stopped_by_signal
@@ -39,6 +39,8 @@ _ROUND_S = 0.1
 #: seconds between updates of the line on a terminal, and between lines in a log
 _SHOW_S, _LOG_S = 1.0, 60.0
 _RETRY_S = 0.2
+#: kinds sent repeatedly, where only the latest counts; a calibration is not, as the one before may be in force
+_LATEST = ("info", "status")
 #: a device that sent nothing for so long is silent, s
 _SILENT_S = 3.0
 _log = logging.getLogger(__name__)
@@ -120,12 +122,16 @@ def _first(
     subscription: Subscription, devices: Sequence[str], stop: threading.Event, deadline: float
 ) -> list[Message] | None:
     """Wait for the first samples of a wanted device; return the messages until then, or None on timeout."""
-    heard = deque[Message](maxlen=QUEUE)
+    holds, heard = dict[str, Message](), deque[Message](maxlen=QUEUE)
     while not stop.is_set() and time.monotonic() < deadline:
         came = [(key, one) for one in subscription.drain(QUEUE, _ROUND_S) if (key := _wanted(one, devices)) is not None]
-        heard.extend(message for _, message in came)
+        for key, message in came:
+            if key.what in _LATEST and (message.key in holds or len(holds) < MOST_REPEATED):
+                holds[message.key] = message
+            else:
+                heard.append(message)
         if any(key.what in SAMPLES for key, _ in came):
-            return list(heard)
+            return [*holds.values(), *heard]
     return None
 
 

@@ -180,6 +180,7 @@ def survey(
     all. keep: keep the samples. Raises RecordingError for a file that is not a recording of a ward.
     """
     refused, trouble = Tally(), list[str]()
+    sizes = [path.stat().st_size for path in paths if path.is_file()]
     devices: dict[str, Device] = {}
     wards: set[str] = set()
     messages = 0
@@ -210,7 +211,7 @@ def survey(
         messages=messages,
         first_ns=min((boot.first_ns for boot in boots), default=0),
         last_ns=max((boot.last_ns for boot in boots), default=0),
-        size=sum(path.stat().st_size for path in paths),
+        size=sum(sizes),
         refused=refused,
         trouble=trouble,
     )

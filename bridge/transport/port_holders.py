@@ -29,6 +29,19 @@ def holders(port: str, proc: Path = PROC) -> list[Holder]:
     return [Holder(pid, _name(proc, pid)) for pid in _pids(proc) if target in _open_files(proc, pid)]
 
 
+def locked(port: str, proc: Path = PROC) -> bool:
+    """Check whether another process has locked the port, as every bridge does; also one of another user."""
+    try:
+        status = Path(port).stat()
+        locks = (proc / "locks").read_text(encoding="ascii", errors="replace")
+    except OSError:
+        return False
+    # "1: FLOCK  ADVISORY  WRITE 1234 00:18:5 0 EOF": process, device in hexadecimal, inode in decimal
+    place = f"{os.major(status.st_dev):02x}:{os.minor(status.st_dev):02x}:{status.st_ino}"
+    held = [line.split() for line in locks.splitlines() if "FLOCK" in line]
+    return any(place in words and str(os.getpid()) not in words for words in held)
+
+
 def is_bridge(pid: int, proc: Path = PROC) -> bool:
     """Whether process `pid` is `truerate bridge run`, and not the shell or sudo that started it."""
     program, *words = command(pid, proc) or [""]

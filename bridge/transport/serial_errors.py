@@ -6,7 +6,7 @@ import stat
 
 from bridge.reasons.catalogue import english
 from bridge.reasons.codes import Code, Sentence
-from bridge.transport.port_holders import holders, is_bridge
+from bridge.transport.port_holders import holders, is_bridge, locked
 
 _MISSING = frozenset({errno.ENOENT, errno.ENODEV, errno.ENXIO})
 _FORBIDDEN = frozenset({errno.EACCES, errno.EPERM})
@@ -35,7 +35,7 @@ def fault(port: str) -> Sentence | None:
     if not os.access(port, os.R_OK | os.W_OK):
         return Code.PORT_FORBIDDEN(place=port)
     others = any(holder.pid != os.getpid() for holder in holders(port))
-    return busy(port) if others else None
+    return busy(port) if others or locked(port) else None
 
 
 def no_port(port: str) -> bool:

@@ -1,12 +1,13 @@
 """Commands from people: received on a thread of the bus, executed on the service's own thread, answered.
 
-A command that waited too long is not executed. The answer is sent once the outcome is on disk, or after half a second of
-a failing disk.
+A command repeated with the same request id gets the same answer, changes nothing, and is counted. So playing a
+recording of commands has no effect. A command that waited too long is not executed. The answer is sent once the
+outcome is on disk, or after half a second of a failing disk.
 """
 
 import logging
 import time
-from collections import deque
+from collections import OrderedDict, deque
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
@@ -29,12 +30,16 @@ log = logging.getLogger(__name__)
 
 #: how long a command may wait for its turn, s; with the wait for the disk shorter than the caller's own timeout
 ANSWER_S = 1.0
-#: most commands that wait
-MOST = 64
+#: most commands that wait, and most answers that are remembered
+MOST, _REMEMBERED = 64, 1000
 #: most device names listed in the reply to a command for an unknown device
 SHOWN = 20
 #: commands executed earlier, and not executed again, are counted under this name
 REPEATED = "commands repeated"
+
+
+#: device, verb and request id: together they identify a command
+Request = tuple[str, str, str]
 
 
 class _Asked(NamedTuple):
@@ -52,6 +57,9 @@ class Commands:
         self._devices, self._record, self._gate = parts.devices, parts.record, gate
         self._counts, self._now_ns, self._ours = parts.counts, parts.now_ns, parts.cluster.answers
         self._waiting = deque[_Asked]()
+        self._answered = OrderedDict[Request, CommandReply]()
+        #: who waits for the answers to commands that were executed but are not on disk yet
+        self._unkept = dict[Request, list[Callable[[], None]]]()
 
     def ask(self, key: str, payload: bytes, reply: Reply) -> None:
         """Queue a command, or refuse it when MOST commands wait; called on a thread of the bus.
@@ -90,29 +98,44 @@ class Commands:
 
         key: names device and verb. answer(reply) is called once the outcome is on disk, after half a second of a
         failing disk, or at once if nothing is stored. A command that was executed before is not repeated: it gets its
-        earlier reply and is counted. So playing a recording of commands has no effect.
+        earlier reply and is counted.
         """
-        verb, device = key.ids["verb"], self._devices.get(key.device)
-        if (before := self._record.answered(key, command)) is not None:
+        request = key.device, key.ids["verb"], command.request_id
+        reply = self._answered.get(request) or self._record.answered(key, command)
+        if reply is not None:
             self._counts.add(REPEATED)
-            answer(before)
-            return
+        else:
+            self._unkept[request] = []
+            reply = self._answered[request] = self._executed(key, command, partial(self._kept, request))
+            while len(self._answered) > _REMEMBERED:
+                self._answered.popitem(last=False)
+        if (waiting := self._unkept.get(request)) is not None:
+            waiting.append(partial(answer, reply))
+        else:
+            answer(reply)
+
+    def _kept(self, request: Request) -> None:
+        """Answer a command whose outcome is on disk."""
+        for answer in self._unkept.pop(request, ()):
+            answer()
+
+    def _executed(self, key: keys.Key, command: Command, kept: Callable[[], None]) -> CommandReply:
+        """Execute a command; kept() is called once its outcome is on disk, or at once if nothing is stored."""
+        verb, device = key.ids["verb"], self._devices.get(key.device)
         if verb in (FORGET, ERASE) and (device is not None or self._record.stores(key.device)):
             done, said = self._forgetting.obey(key.device, verb, command.who)
             device, reply = None, CommandReply(command.request_id, accepted=done, message=(said,))
         elif device is not None:
             reply = self._done(device, verb, command)
-        elif verb == "acknowledge" and key.device == self._watch.id:
-            seen = self._watch.acknowledge(command.reason.strip(), command.who, self._now_ns())
-            reply = CommandReply(command.request_id, accepted=bool(seen), message=acknowledged(key.device, seen))
-            self._record.remember(key, reply)
-            answer(reply)
-            return
         else:
-            answer(self._unknown(key, command))
-            return
+            kept()
+            if verb == "acknowledge" and key.device == self._watch.id:
+                seen = self._watch.acknowledge(command.reason.strip(), command.who, self._now_ns())
+                return CommandReply(command.request_id, accepted=bool(seen), message=acknowledged(key.device, seen))
+            return self._unknown(key, command)
         log.info("%s: %s by %s: %s", key.device, verb, command.who, english(*reply.message))
-        self._record.audit(device, key, command, reply, answer)
+        self._record.audit(device, key, command, reply, kept)
+        return reply
 
     def _unknown(self, key: keys.Key, command: Command) -> CommandReply:
         """Refuse a command for an unknown device; counted but not stored, since anybody can invent names."""

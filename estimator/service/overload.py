@@ -14,8 +14,8 @@ OVERLOADED = "estimator overloaded"
 UNKEPT = "store does not work"
 #: overloaded when the loop is busier than this share of the time ...
 BUSY = 0.95
-#: ... without a break for this number of seconds
-PERSISTS_S = 5.0
+#: ... without a break for the first number of seconds; recovered after the second number of seconds
+PERSISTS_S, OVER_S = 5.0, 10.0
 _DO = "use fewer devices, a lower rate, a faster machine, or a second estimator in the ward"
 
 
@@ -24,7 +24,8 @@ class Overload:
 
     def __init__(self, now: float) -> None:
         self._looked, self._idle_s = now, 0.0
-        self._calm, self._over = now, False  # when it last kept up; whether an overload is under way
+        self._calm = self._last = now  # when it last kept up, and when it last did not
+        self._began: float | None = None
         #: busy share of the time between the last two checks
         self.busy = 0.0
 
@@ -35,7 +36,7 @@ class Overload:
     def look(self, now: float) -> int:
         """Check at `now` whether the loop keeps up; returns the seconds of overload so far, 0 while it keeps up.
 
-        An overload is under way once the loop has been busier than BUSY for PERSISTS_S, until it keeps up again.
+        An overload begins when the loop is busier than BUSY for PERSISTS_S, and ends after OVER_S without.
         """
         passed_s, self._looked = now - self._looked, now
         if passed_s > 0:
@@ -43,12 +44,19 @@ class Overload:
         self._idle_s = 0.0
         if self.busy <= BUSY:
             self._calm = now
-        before, self._over = self._over, now - self._calm >= PERSISTS_S
-        if self._over and not before:
-            log.warning("the estimator is overloaded, its loop is busy %.0f %% of the time: %s", 100 * self.busy, _DO)
-        if before and not self._over:
+        if now - self._calm >= PERSISTS_S:
+            if self._began is None:
+                self._began = now - passed_s
+                log.warning(
+                    "the estimator is overloaded, its loop is busy %.0f %% of the time: %s",
+                    100 * self.busy,
+                    _DO,
+                )
+            self._last = now
+        elif self._began is not None and now - self._last >= OVER_S:
+            self._began = None
             log.info("the estimator keeps up with its devices again")
-        return round(now - self._calm) if self._over else 0
+        return 0 if self._began is None else max(1, round(now - self._began))
 
 
 def found(statuses: Iterable[Status]) -> list[Sentence]:

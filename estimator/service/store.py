@@ -30,6 +30,9 @@ _FILLED = ", ".join(f"{name} = iif({name}, {name}, excluded.{name})" for name in
 _FILLED += "".join(f", {name} = iif({name} = '', excluded.{name}, {name})" for name in ("model", "firmware"))
 _ONE_OF_BOOT = "ON CONFLICT (device, boot) DO UPDATE SET"
 
+#: read once: an installation beside the running program must not change what it writes
+_VERSION = version("truerate")
+
 
 class Store(StoreReader):
     """Open store of a ward's devices, to read and write.
@@ -52,7 +55,7 @@ class Store(StoreReader):
             "verdict": c.verdict.name,
             "reason": written(c.reason),
             "who": c.who,
-            "version": version("truerate"),
+            "version": _VERSION,
         }
         row |= restore_key(c) | {"payload": codec.encode_calibration(c)}
         self.database.insert("calibrations", row, "ON CONFLICT (id) DO NOTHING")

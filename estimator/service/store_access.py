@@ -317,33 +317,19 @@ class StoreAccess:
         """Whether the store has entries of a device."""
         return device in self._store.devices()
 
-    def remember(self, key: keys.Key, reply: CommandReply) -> None:
-        """Keep the reply to a command among the last few of its device, also for other estimators."""
-        self._replicas.answer(key.device, ((key.ids["verb"], reply),))
-
     def audit(
-        self,
-        device: Device | None,
-        key: keys.Key,
-        command: Command,
-        reply: CommandReply,
-        answer: Callable[[CommandReply], None],
+        self, device: Device | None, key: keys.Key, command: Command, reply: CommandReply, kept: Callable[[], None]
     ) -> None:
         """Record a command with its reply: tell the other estimators, and write it to the audit.
 
-        device: None if it is not known any more; the other estimators are not told then. answer(reply) is called once
-        the entry is on disk, or after half a second of a failing disk.
+        device: None if it is not known any more; the other estimators are not told then. kept() is called once the
+        entry is on disk, or after half a second of a failing disk.
         """
-        self.remember(key, reply)
         if device is not None:
+            self._replicas.answer(device.name, ((key.ids["verb"], reply),))
             self._tell(device)
         row = (key.device, key.ids["verb"], command.request_id, command.who, command.reason, reply.message)
-        time_ns, unanswered = self._now_ns(), [answer]
-
-        def kept() -> None:
-            while unanswered:
-                unanswered.pop()(reply)
-
+        time_ns = self._now_ns()
         self._due.append((time.monotonic() + HELD_S, kept))
         self._write(lambda: self._store.add_audit(time_ns, *row, accepted=reply.accepted), kept)
 

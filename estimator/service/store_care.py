@@ -4,6 +4,7 @@ import logging
 from collections import Counter
 from collections.abc import Callable
 
+from estimator.database import StoreError
 from estimator.service.store import Store
 from estimator.service.store_writer import StoreWriter
 
@@ -38,7 +39,7 @@ class StoreCare:
             self._clerk.look_up(self._look)
         if epoch != self._epoch or (database.trouble and self._clerk.idle):  # only a write shows recovery
             self._epoch = epoch
-            self._clerk.do(lambda: self._store.save_epoch(epoch))
+            self._clerk.do(lambda: self._store.save_epoch(epoch), self._stored)
         if now >= self._next_backup:
             self._next_backup = now + BACKUP_S
             self._clerk.look_up(database.back_up_if_due)
@@ -52,6 +53,10 @@ class StoreCare:
             rows = ", ".join(f"{table} {n}" for table, n in sorted(self._thinned.items()))
             log.info("old entries of the store were deleted: %s", rows)
             self._thinned.clear()
+
+    def _stored(self, error: StoreError | None) -> None:
+        if error is not None:
+            self._epoch = -1  # to be written again in a second
 
     def _look(self) -> None:
         try:

@@ -211,7 +211,9 @@ class Desk:
         story, store, stored = self.story(device), self._store, list[Calibration]()
         if store is not None and store.is_file():
             try:
-                past = await self._pasts.get(request, device, partial(_read, store, device, boot_id(story.boot)))
+                boot = boot_id(story.boot)
+                key = f"{device} {story.serial} {boot}"
+                past = await self._pasts.get(request, key, partial(_read, store, device, boot))
                 self.known.take_past(past)
                 stored.extend(past.calibrations)
             except (StoreError, OSError) as error:

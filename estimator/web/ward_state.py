@@ -6,6 +6,7 @@ Pure: `now` is monotonic time in s.
 from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
+from itertools import count
 
 from bridge.reasons.codes import Code, Sentences
 from bridge.wire import keys
@@ -81,6 +82,8 @@ class Story:
     boots: dict[int, Boot] = field(default_factory=dict)
     #: bias history of the present boot, from the store
     biases: Biases | None = None
+    #: differs from that of every other story: a device that was forgotten and came back has a new one
+    serial: int = field(default_factory=count().__next__)
 
     @property
     def boot(self) -> int:

@@ -33,7 +33,7 @@ def choose_boot(path: Path, samples: Sequence[int], boot: int | None, of: str) -
     if boot is None and len(samples) > 1:
         said = ", ".join(f"{at} ({count(n, 'sample')})" for at, n in enumerate(samples, 1))
         raise RecordingError(f"{path}: {len(samples)} boots of {of}; choose one with --boot: {said}")
-    at = boot or 1
+    at = 1 if boot is None else boot
     if not 1 <= at <= len(samples):
         raise RecordingError(f"{path}: no --boot {at} of {of}: give 1 to {len(samples)}")
     if samples[at - 1] < 2:

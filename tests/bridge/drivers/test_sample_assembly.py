@@ -58,6 +58,15 @@ def test_a_changed_rate_is_told_in_the_same_boot() -> None:
     assert told(one) == [f"1:{int(first[0]) + int(first[1])}+2"]
 
 
+def test_a_device_that_was_told_another_rate_misses_nothing() -> None:
+    one = assembly()
+    send(one, steps(0, 40))
+    one.paced(25.0)
+    send(one, [430 + 40 * i for i in range(40)])
+    assert told(one) == ["1 PORT_OPENED 100", "1:0+40", "1 PORT_OPENED 25", "1:40+40"]
+    assert one.faults.as_dict() == {}
+
+
 def test_a_clock_that_stands_still_keeps_nothing_for_ever_and_all_is_counted() -> None:
     one, n = assembly(), 10_000
     for i in range(n):

@@ -225,6 +225,29 @@ def test_a_chosen_rate_is_set() -> None:
     assert numbers == list(range(len(numbers)))
 
 
+@pytest.mark.parametrize("rate_hz", [25, 100, 400])
+def test_a_chosen_rate_is_set_again_after_a_reboot_and_nothing_seems_to_be_missing(rate_hz: int) -> None:
+    run = Wire(Device(), asking(rate_hz=rate_hz))
+    run.run(3.0)
+    run.device.reboot()
+    run.device.settings[DIVISOR] = 8  # the chosen rate was not saved
+    run.run(3.0)
+    assert run.identities[-1].rate_hz == rate_hz
+    of_boot = [sequences([event]) for event in run.readings if event.boot == run.identities[-1].boot]
+    numbers = [number for part in of_boot for number in part]
+    assert numbers == list(range(len(numbers)))
+
+
+def test_a_device_that_is_switched_on_long_after_the_bridge_is_still_asked() -> None:
+    run = Wire(Device(), asking())
+    for _ in range(30):
+        run.now_ns += 10**9
+        run.decoder.feed(b"", run.now_ns)
+        run.decoder.to_send()
+    run.run(3.0)
+    assert run.device.settings[CORRECTION] is False
+
+
 def test_a_rate_is_told_as_the_one_the_device_was_made_for() -> None:
     for period_us, rate_hz in [(20_055, 50.0), (19_950, 50.0), (2_503, 400.0), (9_615, 1e6 / 9_615)]:
         decoder = Ximu3Decoder()

@@ -4,8 +4,11 @@ import pytest
 
 from bridge.reasons.codes import Code
 from bridge.wire import codec, keys
-from bridge.wire.messages import Command, CommandReply
-from tests.estimator.memory_ward import Ward
+from bridge.wire.messages import Command, CommandReply, State
+from estimator.service.commands import REPEATED
+from tests.estimator.database.faults import full_disk
+from tests.estimator.memory_ward import WARD, Ward
+from tests.estimator.stream import NAME, calibration, info
 from tests.sentences import codes
 
 KEY = keys.build("w", "rpc", device="chest", verb="recalibrate")
@@ -59,3 +62,30 @@ def test_too_many_at_once_are_turned_away(ward: Ward) -> None:
     assert all(Code.TOO_MANY_COMMANDS in codes(replies[0].message) for replies in asked[64:])
     ward.service._commands.work()
     assert all(len(replies) == 1 for replies in asked)
+
+
+def answer(ward: Ward, request_id: str, verb: str) -> CommandReply:
+    replies = ask(ward, request_id, keys.build(WARD, "rpc", device=NAME, verb=verb))
+    ward.settle()
+    return replies[0]
+
+
+def test_a_command_that_is_played_again_does_nothing_even_if_it_was_refused(ward: Ward) -> None:
+    refused = answer(ward, "r1", "recalibrate")
+    assert Code.UNKNOWN_DEVICE in codes(refused.message)
+    ward.send(calibration(seed=1).batches(), info(1))
+    ward.settle()
+    assert answer(ward, "r1", "recalibrate") == refused
+    assert ward.latest().state is State.TRACKING
+    assert answer(ward, "r2", "recalibrate").accepted
+
+
+def test_a_command_is_done_once_however_often_it_comes_and_whatever_the_disk_does(ward: Ward) -> None:
+    ward.send(calibration(seed=1).batches(), info(1))
+    ward.settle()
+    with full_disk():
+        given = [answer(ward, f"r{n}", "zero-heading") for n in range(20)]
+        assert [answer(ward, f"r{n}", "zero-heading") for n in range(20)] == given
+    assert ward.service.counts.as_dict()[REPEATED] == 20
+    answer(ward, "r1", "cancel")
+    assert ward.service.counts.as_dict()[REPEATED] == 20, "another verb is another command"

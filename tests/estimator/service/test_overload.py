@@ -10,7 +10,7 @@ from estimator.overview import summary
 from estimator.samples.sample_buffer import Samples
 from estimator.service import overload
 from estimator.service.health import ServiceHealth
-from estimator.service.overload import BUSY, OVERLOADED, PERSISTS_S
+from estimator.service.overload import BUSY, OVER_S, OVERLOADED, PERSISTS_S
 from tests.estimator.served import Before, Served
 from tests.estimator.stream import NAME, calibration
 
@@ -61,7 +61,7 @@ def test_a_slow_service_says_so_wherever_one_looks(monkeypatch: pytest.MonkeyPat
             [device.latest]
         )
         assert served.service.counts.as_dict()[f"{OVERLOADED}, seconds"] > PERSISTS_S
-        for _ in range(round(3 / 0.05)):
+        for _ in range(round((OVER_S + 3) / 0.05)):
             served.service.step(0.05)
         assert OVERLOADED not in device.latest.events
         assert busy() < 0.1

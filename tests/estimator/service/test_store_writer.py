@@ -8,12 +8,13 @@ from pathlib import Path
 
 import pytest
 
-from bridge.wire.messages import Quality
+from bridge.wire import codec, keys
+from bridge.wire.messages import Command, Quality
 from estimator.database import Database, StoreError
 from estimator.service import store_access
 from estimator.service.store import Store
 from estimator.service.store_writer import StoreWriter
-from tests.estimator.memory_ward import Ward
+from tests.estimator.memory_ward import WARD, Ward
 from tests.estimator.stream import NAME, calibration, info
 
 
@@ -72,7 +73,7 @@ def test_a_calibration_and_what_names_it_is_said_when_it_is_kept(busy: Busy, mon
     assert batches[-1].quality is Quality.GOOD
     assert [c.id for c in said] == [c.id for c in ward.store.calibrations(NAME)] == [batches[-1].calibration]
     assert ward.latest().calibration == said[0].id
-    assert "store failed" not in ward.service.counts.as_dict()
+    assert ward.store.database.failures == 0
     busy.clerks[0].close()
     assert (found := ward.store.recall(NAME, 1, 0)) is not None
     assert found.bias is not None
@@ -99,6 +100,25 @@ def test_who_was_answered_can_rely_on_it_unless_the_disk_does_not_answer(
     monkeypatch.setattr(store_access, "HELD_S", 60.0)
     assert ward.command(lambda: ward.client.note(NAME, "nurse", "she stood up")).accepted
     assert [line["reason"] for line in ward.store.database.rows("audit", "verb = 'note'", ())][-1] == "she stood up"
+
+
+def test_a_command_and_its_repeat_are_answered_once_it_is_written_down(
+    busy: Busy, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ward, replies = busy.ward, list[bytes]()
+    ward.send(calibration(seed=1).batches()[:60], info(1))
+    monkeypatch.setattr(store_access, "HELD_S", 60.0)
+    key = keys.build(WARD, "rpc", device=NAME, verb="note")
+    for _ in range(2):
+        ward.service._commands.ask(key, codec.encode_command(Command("r1", "nurse", "she lay down")), replies.append)
+    for _ in range(20):
+        ward.service.step(0.01)
+    assert replies == []
+    busy.free()
+    while len(replies) < 2:
+        ward.service.step(0.01)
+    assert replies[0] == replies[1]
+    assert len(ward.store.database.rows("audit", "verb = 'note'", ())) == 1
 
 
 def test_what_cannot_be_written_at_the_end_is_told(
