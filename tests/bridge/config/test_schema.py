@@ -211,3 +211,15 @@ def test_a_file_that_cannot_be_read_says_so(tmp_path: Path) -> None:
 )  # fmt: skip
 def test_every_kind_of_endpoint_is_taken(endpoint: str) -> None:
     assert check_endpoints([endpoint], "connect") == (endpoint,)
+
+
+def test_two_names_of_one_serial_port_are_one_port(tmp_path: Path) -> None:
+    (tmp_path / "by-id").symlink_to(tmp_path / "ttyUSB0")
+    devices = [
+        f'[[bridge.devices]]\nid = "{name}"\ndriver = "native"\nport = "{tmp_path / name}"'
+        for name in ("by-id", "ttyusb0")
+    ]
+    path = tmp_path / "w.toml"
+    path.write_text("\n".join(['ward = "w"\n[bridge]\nid = "b"', *devices]).replace("/ttyusb0", "/ttyUSB0"))
+    with pytest.raises(ConfigError, match="devices 'by-id' and 'ttyusb0' have the same port"):
+        load(path, Root)

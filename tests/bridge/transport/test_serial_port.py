@@ -12,7 +12,7 @@ from bridge.sim.pty_port import PtyPort
 from bridge.sim.virtual_device import demo_device
 from bridge.transport import serial_errors
 from bridge.transport.errors import DeviceLost, DeviceUnavailable
-from bridge.transport.port_holders import Holder, holders
+from bridge.transport.port_holders import Holder, holders, locked
 from bridge.transport.serial_port import SerialPort
 from tests.bridge.diagnose.test_port_access import process
 
@@ -104,3 +104,15 @@ def test_who_has_a_port_is_found_by_its_real_name(tmp_path: Path) -> None:
     assert holders(str(name), proc) == [Holder(7, "ModemManager")]
     assert str(Holder(7, "ModemManager")) == "ModemManager (process 7)"
     assert holders(str(tmp_path / "other"), proc) == []
+
+
+def test_a_port_that_another_process_has_locked_is_known_even_of_another_user(tmp_path: Path) -> None:
+    port = tmp_path / "ttyUSB0"
+    port.touch()
+    status = port.stat()
+    place = f"{os.major(status.st_dev):02x}:{os.minor(status.st_dev):02x}:{status.st_ino}"
+    own = f"1: FLOCK  ADVISORY  WRITE {os.getpid()} {place} 0 EOF\n2: POSIX  ADVISORY  WRITE 5 {place} 0 EOF\n"
+    (tmp_path / "locks").write_text(own)
+    assert not locked(str(port), tmp_path)
+    (tmp_path / "locks").write_text(f"{own}3: FLOCK  ADVISORY  WRITE 5 {place} 0 EOF\n")
+    assert locked(str(port), tmp_path)
