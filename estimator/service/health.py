@@ -101,7 +101,7 @@ class ServiceHealth:
         return why
 
     def families(self) -> Iterator[MetricFamily]:
-        """Yield all metrics of the service. Labels are device ids, reasons and states, all bounded in number."""
+        """Yield all metrics of the service. Their labels name devices, reasons, states, events, kinds and qualities."""
         yield from certificate(self.routers)
         note = self._note
         yield MetricFamily(

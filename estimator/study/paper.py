@@ -11,7 +11,8 @@ from dataclasses import dataclass
 class Item:
     """One table, figure or claim of the paper.
 
-    where: place in the paper. says, value: the claim and its value. study: name of the study that computes it.
+    key: as in Finding.item. where: place in the paper. says, value: the claim and its value. study: name of the study that
+    computes it.
     """
 
     key: str

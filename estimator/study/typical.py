@@ -129,7 +129,7 @@ def tables(found: Typical) -> Sequence[RenderableType]:
 
 
 def findings(found: Typical) -> Sequence[Finding]:
-    """Judge the paper's figure 6: whether all turns are found at the right times."""
+    """Return the finding on figure 6: it is reproduced if the three turns are found, their ends to 0.5 s."""
     pairs = [(a, b) for a in found.simulated for b in found.found if a.axis == b.axis]
     off = max((abs(x - y) for a, b in pairs for x, y in ((a.begin_s, b.begin_s), (a.end_s, b.end_s))), default=0.0)
     # A hand starts and ends slowly: the first and last tenths of a second of a turn are hidden by noise.

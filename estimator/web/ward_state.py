@@ -207,7 +207,7 @@ class Known:
             del there[next((name for name, alive in there.items() if not alive), next(iter(there)))]
 
     def take_status(self, status: Status, now: float) -> None:
-        """Process a device's status, received at monotonic time `now`, s."""
+        """Keep a device's status as its latest. now: monotonic s, when it was received."""
         if (story := self.story(status.device, status=True)) is not None:
             again, story.status = story.status is not None, status
             if again and status.state not in AWAY:  # the first status may come from the bus's cache
