@@ -36,7 +36,7 @@ def test_a_ward_from_its_start(ward: Ward, browser: Browser) -> None:
     tile = page.locator(f'.tile[data-id="{NAME}"]')
     expect(tile.locator(".state")).to_contain_text("unknown")
     device = living(NAME, 4)
-    ward.plug(NAME, device, speed=10.0, lossless=True)
+    ward.plug(NAME, device, speed=5.0, lossless=True)
     expect(page.get_by_role("heading", level=1)).to_have_text("1 of 1 tracking")
     expect(page.locator("#troubles")).to_be_empty()
     tile.get_by_role("link", name=NAME).click()
