@@ -20,8 +20,9 @@ Flags = NDArray[np.bool_]
 
 #: share of the range from which a reading is clipped, and beyond which the device uses another range
 _NEAR, _BEYOND = 0.99, 1.02
-#: least number of samples at the largest reading, and least ratio to those in the five steps below it; with 5
-#: samples one smooth turn in 2000 looks clipped, and the angle lost in 7 is below 0.01 degrees
+#: least number of samples at the largest reading, and least ratio to those in the five steps below it. With 5 samples one
+#: smooth turn in 2000 looks clipped. Seven clipped samples lose 0.006 degrees of a turn of 3.5 s at 104 Hz, and 0.3
+#: degrees of one of 2 s at 50 Hz
 _SAMPLES, _TIMES = 8, 2.0
 #: blurred end of the range: step over the largest reading; and largest scatter there, over that at rest
 _BLUR, _QUIETER = 1e-3, 0.5
