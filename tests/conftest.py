@@ -9,13 +9,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
-from hypothesis import settings
+from hypothesis import HealthCheck, settings
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
 
-# A machine that is busy is no fault of the code.
-settings.register_profile("unhurried", deadline=None)
+# A machine that is busy is no fault of the code; a run that draws new examples is TRUERATE_SOAK=1.
+settings.register_profile(
+    "unhurried",
+    deadline=None,
+    suppress_health_check=[HealthCheck.too_slow],
+    derandomize=not os.environ.get("TRUERATE_SOAK"),
+)
 settings.load_profile("unhurried")
 # A script's background job ignores Ctrl-C, and `nohup` ignores hang-ups; the processes that the tests start would inherit that.
 for number, default in ((signal.SIGINT, signal.default_int_handler), (getattr(signal, "SIGHUP", None), signal.SIG_DFL)):

@@ -48,12 +48,12 @@ def test_the_ward_uses_a_device_s_own_calibration(program: Path, tmp_path: Path)
         ward.start("router", "estimator", "bridge")
         ward.wait_for_router()
         [heard], watcher = subscribers(ward, 1), Watcher(ward.endpoint, WARD)
+        # "elsewhere" sends its own once rests have shown its bias; the others from the start.
+        for name in set(sent) - {"elsewhere"}:
+            devices[name].calibrates_itself(*sent[name])
         for name, device in devices.items():
             ward.plug(name, device, speed=SPEED, lossless=True)
         try:
-            # "elsewhere" sends its own once rests have shown its bias; the others from the start.
-            for name in set(sent) - {"elsewhere"}:
-                devices[name].calibrates_itself(*sent[name])
             wait("a rest", lambda: sees(watcher, "elsewhere", State.BIAS_ONLY), watcher, ward)
             devices["elsewhere"].calibrates_itself(*sent["elsewhere"])
             n = len(ward_life)

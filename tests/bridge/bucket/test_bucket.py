@@ -1,8 +1,6 @@
 """Copies in a bucket, with a real S3 server: whole files only, tried again, and never over another file."""
 
 import sys
-import time
-from collections.abc import Callable
 from datetime import timedelta
 from pathlib import Path
 
@@ -13,13 +11,7 @@ from bridge.bucket.mirror import Mirror
 from bridge.reasons.codes import Code
 from bridge.toml.loader import ConfigError
 from tests.bridge.bucket.server import Server, needed
-
-
-def wait(what: Callable[[], bool]) -> None:
-    until = time.monotonic() + 30
-    while not what():
-        assert time.monotonic() < until
-        time.sleep(0.02)
+from tests.bridge.bus.worlds import eventually
 
 
 def fault(mirror: Mirror) -> str:
@@ -36,19 +28,19 @@ def test_finished_files_are_copied_again_after_failures_and_replace_nothing(
     big = here / "big.mcap"
     big.write_bytes(bytes(range(256)) * 50_000)  # more than one part
     mirror = Mirror(Bucket(server.settings(bucket="ward/site"), "w"), "rec", lambda: sorted(here.iterdir()), look_s=0.1)
-    wait(lambda: fault(mirror) == Code.BUCKET_FAILS)
+    eventually(lambda: fault(mirror) == Code.BUCKET_FAILS)
     with server:
-        wait(lambda: mirror.has(big))
-        wait(lambda: mirror.fault is None)
+        eventually(lambda: mirror.has(big))
+        eventually(lambda: mirror.fault is None)
         assert server.names() == ["site/w/rec/big.mcap"]
         assert (server.objects / "site/w/rec/big.mcap").read_bytes() == big.read_bytes()
         (here / "empty.mcap").touch()
-        wait(lambda: "site/w/rec/empty.mcap" in server.names())
+        eventually(lambda: "site/w/rec/empty.mcap" in server.names())
         big.write_bytes(b"another")
-        wait(lambda: fault(mirror) == Code.BUCKET_HAS_ANOTHER)
+        eventually(lambda: fault(mirror) == Code.BUCKET_HAS_ANOTHER)
         assert (server.objects / "site/w/rec/big.mcap").stat().st_size == 256 * 50_000
         big.unlink()
-        wait(lambda: mirror.fault is None)
+        eventually(lambda: mirror.fault is None)
         (here / "last.mcap").write_bytes(b"written as the program ends")
         mirror.close()
         assert "site/w/rec/last.mcap" in server.names()

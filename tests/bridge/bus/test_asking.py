@@ -9,11 +9,13 @@ import pytest
 from bridge.bus.contract import Bus, BusError, Reply
 from tests.bridge.bus.worlds import World, eventually
 
+PATIENCE_S = 60.0
+
 
 def test_an_answer_comes_back(a: Bus, b: Bus) -> None:
     b.answer("q/*/double", lambda key, payload, reply: reply(key.encode() + payload * 2))
     eventually(lambda: answered(a, "q/x/double"))
-    assert a.ask("q/x/double", b"ab") == b"q/x/doubleabab"
+    assert a.ask("q/x/double", b"ab", PATIENCE_S) == b"q/x/doubleabab"
 
 
 def answered(bus: Bus, key: str) -> bool:
@@ -37,10 +39,10 @@ def test_of_all_who_answer_the_one_who_has_something_to_say_is_heard(world: Worl
     with c:
         held = [b.answer("t/*", of("first", b"")), c.answer("t/*", of("second", b"mine: "))]
         eventually(lambda: answered(a, "t/x") and {*asked} == {"first", "second"})
-        assert a.ask("t/x", b"hello") == b"mine: hello"
+        assert a.ask("t/x", b"hello", PATIENCE_S) == b"mine: hello"
         held[1].close()
         with pytest.raises(BusError, match="empty answer"):
-            a.ask("t/x", b"hello")
+            a.ask("t/x", b"hello", PATIENCE_S)
 
 
 def test_asking_nobody_fails_at_once(a: Bus) -> None:
@@ -69,7 +71,7 @@ def test_an_answer_may_be_given_later_and_by_another_thread(a: Bus, b: Bus) -> N
 
     b.answer("q/later", later)
     eventually(lambda: answered(a, "q/later"))
-    assert a.ask("q/later", b"ab") == b"abab"
+    assert a.ask("q/later", b"ab", PATIENCE_S) == b"abab"
 
 
 def test_a_handler_that_raises_is_heard_of_on_both_sides(a: Bus, b: Bus, caplog: pytest.LogCaptureFixture) -> None:
@@ -81,6 +83,6 @@ def test_a_handler_that_raises_is_heard_of_on_both_sides(a: Bus, b: Bus, caplog:
     b.answer("q/bad", handler)
     eventually(lambda: answered(a, "q/bad"))
     with pytest.raises(BusError, match="ValueError: out of turns"):
-        a.ask("q/bad", b"")
-    assert a.ask("q/bad", b"good") == b"fine"
+        a.ask("q/bad", b"", PATIENCE_S)
+    assert a.ask("q/bad", b"good", PATIENCE_S) == b"fine"
     assert "the handler of queries on q/bad failed" in caplog.text

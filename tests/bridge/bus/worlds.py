@@ -37,7 +37,7 @@ class ZenohWorld:
                 self.start()
 
     def bus(self) -> Bus:
-        return ZenohBus([self._endpoint])
+        return ZenohBus([self._endpoint], open_timeout_s=60.0)
 
     def start(self) -> None:
         self._router = Router([self._endpoint])

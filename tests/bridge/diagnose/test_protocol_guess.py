@@ -1,7 +1,7 @@
 """Bytes are given to every decoder, and the right one is told from the others."""
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from bridge.diagnose.protocol_guess import Guess, candidates, guesses
@@ -34,7 +34,6 @@ def test_each_protocol_is_known_by_its_bytes_and_by_what_it_says() -> None:
     assert (str(other.candidate), other.candidate.table) == ("signed %", {"sign": "%"})
 
 
-@settings(deadline=None)
 @given(st.integers(0, 5000), st.binary(max_size=200))
 def test_a_beginning_anywhere_and_some_noise_do_not_mislead(cut: int, noise: bytes) -> None:
     native = demo_device("d", 1).advance(4.0)
@@ -42,7 +41,6 @@ def test_a_beginning_anywhere_and_some_noise_do_not_mislead(cut: int, noise: byt
     assert str(best(noise + lines(n=400)[cut:]).candidate) == "line"
 
 
-@settings(deadline=None)
 @given(st.binary(max_size=3000))
 def test_noise_is_nobodys(noise: bytes) -> None:
     assert not any(guess.understood for guess in guesses(candidates(KINDS), chunks(noise)))

@@ -19,6 +19,7 @@ from tests import lsl as on_this_machine
 assert on_this_machine.CONFIG.is_file()
 #: streams are seen by every process of the machine: ours have names of their own
 OWN = f"-{os.getpid()}"
+PATIENCE_S = 60.0
 NOT_UNITS = ("", "", "", "")
 GYRO, ALL = ("GX", "GY", "GZ"), ("gyro_x", "gyro_y", "gyro_z", "temperature", "acc_x", "acc_y", "acc_z")
 
@@ -43,10 +44,11 @@ class Sender:
         self._outlet: pylsl.StreamOutlet | None = pylsl.StreamOutlet(info)
         self.stamps = np.empty(0)
 
-    def send(self, row: Sequence[float], numbers: Sequence[int], jitter_s: float = 0.0) -> None:
-        """Send samples of these numbers, the last of them now, each with the values of `row`."""
+    def send(self, row: Sequence[float], numbers: Sequence[int], ago_s: float = 0.0, *, jitter_s: float = 0.0) -> None:
+        """Send samples of these numbers, the last of them taken ago_s seconds ago, each with the values of `row`."""
         assert self._outlet is not None
-        self.stamps = pylsl.local_clock() + (np.array(numbers) - numbers[-1]) / 100.0
+        assert self._outlet.wait_for_consumers(PATIENCE_S)
+        self.stamps = pylsl.local_clock() - ago_s + (np.array(numbers) - numbers[-1]) / 100.0
         if jitter_s:  # they come in bursts
             self.stamps = np.floor(self.stamps / jitter_s) * jitter_s + np.array(numbers) * 1e-5
         self._outlet.push_chunk(np.tile(np.array(row, np.float32), (len(numbers), 1)), self.stamps.tolist())
@@ -56,15 +58,26 @@ class Sender:
 
 
 def opened(source: str, **given: object) -> LslDriver:
-    driver = LslDriver(LslOptions(source_id=source + OWN, **given))  # type: ignore[arg-type]
-    driver.open()
-    return driver
+    return find_again(LslDriver(LslOptions(source_id=source + OWN, **given)))  # type: ignore[arg-type]
+
+
+def find_again(driver: LslDriver) -> LslDriver:
+    """Open a driver whose stream is there: LSL may need more than one look on a busy machine."""
+    deadline = time.monotonic() + PATIENCE_S
+    while True:
+        try:
+            driver.open()
+        except DeviceUnavailable as unavailable:
+            if unavailable.reason[0].code not in (Code.LSL_NOT_HEARD, Code.NO_ANSWER) or time.monotonic() > deadline:
+                raise
+        else:
+            return driver
 
 
 def read(driver: LslDriver, samples: int) -> list[Event]:
     """The events of so many samples."""
     found: list[Event] = []
-    deadline = time.monotonic() + 10.0
+    deadline = time.monotonic() + PATIENCE_S
     while sum(len(event.ticks) for event in found if isinstance(event, Readings)) < samples:
         assert time.monotonic() < deadline, found
         found += driver.read(0.2)
@@ -78,7 +91,8 @@ def parts(events: list[Event]) -> tuple[list[Identity], list[Readings]]:
 def test_labels_and_units_make_readings_in_si() -> None:
     sender = Sender("all", ALL, ["deg/s"] * 3 + ["celsius"] + ["g"] * 3)
     driver = opened("all")
-    sender.send((180.0, 0.0, -90.0, 36.5, 0.0, 0.0, 1.0), range(60))
+    row = (180.0, 0.0, -90.0, 36.5, 0.0, 0.0, 1.0)
+    sender.send(row, range(60), ago_s=0.8)
     (who,), came = parts(read(driver, 60))
     assert (who.model, who.rate_hz, who.has_accel, who.has_temperature, who.has_clock) == (
         "Maker M1",
@@ -94,9 +108,15 @@ def test_labels_and_units_make_readings_in_si() -> None:
     assert came[0].temperature_c[0] == pytest.approx(36.5)
     ticks = np.concatenate([one.ticks for one in came]).astype(np.int64)
     assert np.diff(ticks) == pytest.approx(10_000, abs=1)
-    sample_ns = (sender.stamps[-1] + on_this_machine.ahead_s()) * 1e9  # LSL's time on the host's clock
-    assert came[-1].receive_time_ns == pytest.approx(sample_ns, abs=2e6)
     assert came[-1].receive_time_ns < host_time.now_ns()
+
+    def wrong_s(ago_s: float) -> float:
+        sender.send(row, [0], ago_s)
+        sample_s = sender.stamps[-1] + on_this_machine.ahead_s()  # LSL's time on the host's clock
+        return float(abs(parts(read(driver, 1))[1][-1].receive_time_ns * 1e-9 - sample_s))
+
+    # A sample has the time when it was taken, though it comes later; a machine that pauses may hide that of one.
+    assert any(wrong_s(ago_s) < 0.05 for ago_s in (0.6, 0.5, 0.4, 0.3, 0.2))
     driver.close()
 
 
@@ -116,7 +136,7 @@ def test_another_outlet_is_another_boot_and_the_same_one_is_not() -> None:
     sender.send((1.0, 2.0, 3.0), range(60))
     (first,), _ = parts(read(driver, 60))
     driver.close()
-    driver.open()
+    find_again(driver)
     sender.send((1.0, 2.0, 3.0), range(60, 90))
     again, came = parts(read(driver, 30))
     assert (again, came[0].boot) == ([], first.boot)
@@ -127,7 +147,7 @@ def test_another_outlet_is_another_boot_and_the_same_one_is_not() -> None:
     with pytest.raises(DeviceUnavailable, match="is not heard"):
         driver.open()
     sender = Sender("boots", GYRO, ["rad/s"] * 3)
-    driver.open()
+    find_again(driver)
     sender.send((1.0, 2.0, 3.0), range(60))
     (second,), came = parts(read(driver, 60))
     assert second.boot == came[0].boot != first.boot
@@ -139,10 +159,9 @@ def test_uneven_stamps_are_noticed_and_may_be_counted_instead() -> None:
     sender = Sender("bursts", GYRO, ["rad/s"] * 3)
     driver = opened("bursts")
     sender.send((1.0, 2.0, 3.0), range(600), jitter_s=0.08)
-    events: list[Event] = []
-    for _ in range(20):
-        events += driver.read(0.1)
-    assert Notice("stamps", Code.LSL_UNEVEN()) in events
+    deadline = time.monotonic() + PATIENCE_S
+    while Notice("stamps", Code.LSL_UNEVEN()) not in driver.read(0.1):
+        assert time.monotonic() < deadline
     driver.close()
     driver = opened("bursts", time="count")
     sender.send((1.0, 2.0, 3.0), range(600, 700), jitter_s=0.08)
@@ -209,7 +228,7 @@ def test_several_streams_ask_for_a_choice() -> None:
     senders = [Sender(source, GYRO, ["rad/s"] * 3, kind=f"Twin{OWN}") for source in ("one", "two")]
     driver = LslDriver(LslOptions(type=f"Twin{OWN}"))
     with pytest.raises(DeviceUnavailable, match=rf"several streams fit: sensor \(one{OWN}\), sensor \(two{OWN}\)"):
-        driver.open()
+        all(find_again(driver) for _ in range(60))  # one look may hear only one of them
     assert senders
 
 

@@ -106,17 +106,32 @@ def heard(ward: GuardedWard, count: int) -> Counts:
         sources = {who: stack.enter_context(ward.bus(who)) for who in set(SOURCES.values())}
         time.sleep(SETTLED_S)
 
+        known = set[tuple[str, str]]()
+
         def take() -> None:
             for who, kind, subscription in subscriptions:
-                said[who, kind] += len(subscription.drain(1 << 20, 0.0))
+                messages = subscription.drain(1 << 20, 0.0)
+                said[who, kind] += sum(message.payload == b"x" for message in messages)
+                if messages:
+                    known.add((who, kind))
 
         for kind, key in KEYS.items():
+            publisher, allowed = (
+                sources[SOURCES[kind]].publisher(key),
+                {who for who in MEMBERS if kind in MAY_HEAR[who]},
+            )
 
-            def all_came(put: int, kind: str = kind) -> bool:
+            def all_hear(kind: str = kind, publisher: Publisher = publisher, allowed: set[str] = allowed) -> bool:
+                publisher.put(b"?")
                 take()
-                return all(said[who, kind] >= put for who in MEMBERS if kind in MAY_HEAR[who])
+                return known >= {(who, kind) for who in allowed}
 
-            _put(sources[SOURCES[kind]].publisher(key), b"x", count, all_came)
+            def all_came(put: int, kind: str = kind, allowed: set[str] = allowed) -> bool:
+                take()
+                return all(said[who, kind] >= put for who in allowed)
+
+            _within_patience(all_hear)
+            _put(publisher, b"x", count, all_came)
         deadline, quiet = time.monotonic() + 60, 0.0
         while time.monotonic() < deadline and quiet < SETTLED_S:
             before = sum(said.values())

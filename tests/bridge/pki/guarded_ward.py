@@ -59,7 +59,7 @@ class GuardedWard:
         return Routers((self.endpoint,), self.folder.identity(self.folder.current(Member.parse(who))))
 
     def bus(self, who: str) -> ZenohBus:
-        return ZenohBus(self.routers(who))
+        return ZenohBus(self.routers(who), open_timeout_s=STARTS_S)
 
     @contextlib.contextmanager
     def running(self) -> Iterator[None]:
@@ -94,7 +94,7 @@ def running_router(file: Path, endpoint: str) -> Iterator[None]:
 
 
 def connects(settings: zenoh_settings.Settings) -> bool:
-    """Whether zenoh itself gets a session: our own door, which would not even try, is left out."""
+    """Whether zenoh itself gets a session at the first try; our own checks, which would refuse to try, are left out."""
     try:
         with zenoh.open(zenoh.Config.from_json5(json.dumps(settings))) as opened:
             return bool(opened.info.routers_zid())

@@ -14,7 +14,7 @@ from bridge.pki.folder import Folder, utc_now
 from bridge.pki.member import Member
 from bridge.wire import keys
 from estimator.demo.ward import free_port
-from tests.bridge.pki.guarded_ward import HOSTS, running_router
+from tests.bridge.pki.guarded_ward import HOSTS, STARTS_S, running_router
 
 pytestmark = [pytest.mark.ward, pytest.mark.xdist_group("guarded ward: joined_wards")]
 
@@ -47,7 +47,9 @@ class Hospital:
         return self._folder.path / f"{router.replace(':', '.')}.json5"
 
     def bus(self, who: str, router: str) -> ZenohBus:
-        return ZenohBus(Routers((self.endpoints[router],), self._folder.identity(Member.parse(who))))
+        return ZenohBus(
+            Routers((self.endpoints[router],), self._folder.identity(Member.parse(who))), open_timeout_s=STARTS_S
+        )
 
 
 @pytest.fixture

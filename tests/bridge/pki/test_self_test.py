@@ -33,7 +33,7 @@ def test_each_role_finds_itself_known_and_a_stranger_does_not(tmp_path: Path) ->
     with ward.running():
         for who in MEMBERS:
             with ward.bus(who) as bus:
-                assert self_test(bus, ward.routers(who), WARD) == []
+                assert self_test(bus, ward.routers(who), WARD, wait_s=60.0) == []
         with ward.bus("bridge:b1") as bus:  # of another ward
             assert [
                 words for words in self_test(bus, ward.routers("bridge:b1"), "w2", wait_s=0.5) if "drops all" in words

@@ -5,6 +5,7 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
 import pytest
 from rich.console import Console
 
@@ -17,6 +18,7 @@ from bridge.recording.settings import Recorder, seconds
 from bridge.recording.survey import survey
 from bridge.toml.loader import ConfigError, load
 from tests.bridge.bucket.server import Server, needed
+from tests.bridge.bus.worlds import eventually
 from tests.bridge.recording.crowd import WARD, Crowd
 from tests.memory_bus import MemoryBroker, MemoryBus
 
@@ -43,17 +45,19 @@ class Run:
 def test_what_is_said_is_recorded_from_the_caches_on(tmp_path: Path) -> None:
     run = Run(tmp_path, wait_s=10.0)
     with MemoryBus(run.broker) as bus, Crowd(bus, 3) as crowd:
-        while not crowd.sent:
-            pass
+        eventually(lambda: bool(crowd.sent))
         assert run.record(1.2) == 0
     (path,) = tmp_path.iterdir()
     assert path.suffix == ".mcap"
+    steps = np.diff([n for _, n in crowd.sent], prepend=0).tolist()
     found = survey([path])
     assert list(found.devices) == crowd.names
     for device in found.devices.values():
         (boot,) = device.boots.values()
         assert boot.samples > 10
-        assert (boot.missing, boot.corrected["GOOD"]) == (0, boot.samples)
+        assert boot.missing == 0
+        # The recording may end between a batch and its corrected rates.
+        assert boot.samples - boot.corrected["GOOD"] in {0, *steps}
         assert device.info is not None
     assert f"recorded in {path}" in run.said.getvalue()
     assert "3 devices" in run.said.getvalue()
@@ -64,8 +68,7 @@ def test_finished_recordings_are_copied_to_the_bucket(tmp_path: Path) -> None:
     (folder := tmp_path / "rec").mkdir()
     run = Run(folder, wait_s=10.0)
     with MemoryBus(run.broker) as bus, Crowd(bus, 1) as crowd, Server(tmp_path) as server:
-        while not crowd.sent:
-            pass
+        eventually(lambda: bool(crowd.sent))
         assert run.record(0.5, Bucket(server.settings(), WARD)) == 0
         (path,) = folder.iterdir()
         assert server.names() == [f"{WARD}/recordings/{path.name}"]

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import pytest
 
 from bridge.bus import startup
-from bridge.bus.contract import Bus, BusError
+from bridge.bus.contract import Bus, BusError, Declared
 from bridge.bus.startup import wait_for_router
 from bridge.runtime.signals import stopped_by_signal
 from bridge.wire import keys
@@ -67,14 +67,28 @@ def test_a_first_signal_asks_and_a_second_would_end(number: signal.Signals) -> N
 
 
 def test_a_second_bridge_of_one_name_is_refused_and_another_told_of(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(startup, "_LOOK_S", 0.05)
+    monkeypatch.setattr(startup, "_LOOK_S", 0.0)
     monkeypatch.setattr(startup, "_GONE_S", 0.2)
-    broker, others = MemoryBroker(), list[str]()
-    first = MemoryBus(broker)
-    first.declare_alive(keys.build("w", "alive/bridge", bridge="b1"))
+    broker = MemoryBroker()
+    first, second = MemoryBus(broker), MemoryBus(broker)
+    for bus, name in ((first, "b1"), (second, "b2")):
+        bus.declare_alive(keys.build("w", "alive/bridge", bridge=name))
+
+    def claim(own: str) -> tuple[list[str], Declared]:
+        others, told = list[str](), threading.Event()
+
+        def another(name: str) -> None:
+            others.append(name)
+            if name == "b2":  # the last of both
+                told.set()
+
+        return others, startup.claim_id(MemoryBus(broker), "w", "bridge", own, another, lambda: told.wait(60))
+
     with pytest.raises(BusError, match="another bridge b1 already serves ward w: stop it, or give this one another id"):
-        startup.claim_id(MemoryBus(broker), "w", "bridge", "b1")
-    startup.claim_id(MemoryBus(broker), "w", "bridge", "b2", others.append).close()
-    assert others == ["b1"]
+        claim("b1")
+    others, claimed = claim("b3")
+    claimed.close()
+    assert others == ["b1", "b2"]
+    monkeypatch.setattr(startup, "_GONE_S", 60.0)
     threading.Timer(0.1, first.close).start()  # it was killed, and is only now found to be gone
-    startup.claim_id(MemoryBus(broker), "w", "bridge", "b1").close()
+    claim("b1")[1].close()

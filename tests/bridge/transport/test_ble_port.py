@@ -80,7 +80,10 @@ def test_a_native_device_is_asked_and_read_over_ble(three: list[Wearable]) -> No
     driver.open()
     try:
         driver.read(0.01)
-        settle()
+        end = time.monotonic() + 60
+        while not three[0].written:
+            assert time.monotonic() < end
+            settle()
         assert three[0].written == [ASK]
         stream = hello() + data(0) + data(2)
         send(three[0], *(stream[i : i + 20] for i in range(0, len(stream), 20)))
@@ -99,9 +102,9 @@ def test_a_device_that_hangs_up_is_lost_after_its_last_word_and_found_again(thre
     settle()
     ble_loop.run(three[0].hang_up()).result(60)
     settle()
-    assert one.read(1.0).data == b"last"
+    assert read_until(one, 4) == b"last"
     with pytest.raises(DeviceLost, match="powered off, is out of reach, or hung up"):
-        one.read(1.0)
+        read_until(one, 1)
     one.close()
     one.open()
     send(three[0], b"back")

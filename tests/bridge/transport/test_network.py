@@ -177,6 +177,7 @@ def test_devices_on_one_port_are_told_apart(udp: int, senders: list[Sender]) -> 
 
 
 def test_two_devices_never_become_one(udp: int, senders: list[Sender], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("bridge.transport.udp_port._FORGOTTEN_NS", 10**12)
     port = opened(f":{udp}")
     senders[0].say(b"first")
     until(port, b"first")

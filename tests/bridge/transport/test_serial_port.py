@@ -91,7 +91,7 @@ def test_closing_while_another_thread_reads_and_opens_leaves_nothing_behind(pty:
         port.close()
         reader.join(0.01)
     port.close()
-    assert open_files() == before
+    assert open_files() <= before  # what an earlier test has left may end meanwhile
 
 
 def test_who_has_a_port_is_found_by_its_real_name(tmp_path: Path) -> None:

@@ -52,7 +52,7 @@ def trouble(broker: MemoryBroker, listener: Listener, device: Device, code: Code
 
 def test_another_protocol_is_named(tmp_path: Path, broker: MemoryBroker, listener: Listener) -> None:
     with talking(tmp_path / "port", lines(n=3000)) as port:
-        said = trouble(broker, listener, native(port), Code.BYTES_OF_ANOTHER).trouble
+        said = trouble(broker, listener, native(port), Code.LOOKS_LIKE).trouble
     assert said == (
         Code.BYTES_OF_ANOTHER(place=port.link, driver="native"),
         Code.LOOKS_LIKE(settings="driver = 'line'"),

@@ -23,6 +23,8 @@ from tests.bridge.ingest.published.hearing import Listener, accounted, native, p
 from tests.memory_bus import MemoryBroker, MemoryBus
 from tests.sentences import codes
 
+ALIVE = "truerate/@v1/w/alive/"
+
 
 def test_devices_are_published_whole_with_their_account_and_their_tokens(
     tmp_path: Path, broker: MemoryBroker, listener: Listener
@@ -35,8 +37,10 @@ def test_devices_are_published_whole_with_their_account_and_their_tokens(
         with MemoryBus(broker) as bus, Pump("w", config, bus):
             listener.until(lambda: listener.count() > 100 and listener.count("d2") > 100)
             boots = [keys.boot_id(port.device.boot or 0) for port in (one, two)]
-            alive = {key.removeprefix("truerate/@v1/w/alive/") for key, there in listener.alive if there}
-            assert alive == {"bridge/b1", f"device/d1/{boots[0]}", f"device/d2/{boots[1]}"}
+            alive = {"bridge/b1", f"device/d1/{boots[0]}", f"device/d2/{boots[1]}"}
+            listener.until(
+                lambda: {key for key, there in listener.alive if there} == {f"{ALIVE}{one}" for one in alive}
+            )
         listener.hear()
         listener.until(lambda: [there for _, there in listener.alive].count(False) == 3)
     for device in ("d1", "d2"):
@@ -59,9 +63,9 @@ def test_a_reboot_is_a_new_boot_with_a_new_token(tmp_path: Path, broker: MemoryB
     assert sorted(set(boots), key=boots.index) == [before, after]
     first = next(batch for batch in listener.batches["d1"] if batch.boot == after)
     assert (first.sequence, int(first.flags[0])) == (0, 0)
-    tokens = [(key.rsplit("/", 1)[1], there) for key, there in listener.alive if "/device/" in key]
-    old, new = keys.boot_id(before or 0), keys.boot_id(after or 0)
-    assert tokens[:3] == [(old, True), (old, False), (new, True)]
+    old, new = (f"{ALIVE}device/d1/{keys.boot_id(boot or 0)}" for boot in (before, after))
+    listener.until(lambda: (new, True) in listener.alive)
+    assert [one for one in listener.alive if one[0] in (old, new)][:3] == [(old, True), (old, False), (new, True)]
 
 
 def test_an_unplugged_device_comes_back_with_its_gap_in_sight(
@@ -91,7 +95,8 @@ def test_a_device_that_cannot_be_opened_is_told_of_with_its_trouble(
             listener.until(lambda: any(Code.PORT_MISSING in codes(info.trouble) for info in listener.infos.values()))
             info = listener.infos["d1"]
             assert (info.boot, info.bridge, info.driver, info.port) == (0, "b1", "native", str(port.link))
-            assert [key for key, _ in listener.alive] == ["truerate/@v1/w/alive/bridge/b1"]
+            listener.until(lambda: bool(listener.alive))
+            assert [key for key, _ in listener.alive] == [f"{ALIVE}bridge/b1"]
             port.plug()
             listener.until(lambda: listener.count() > 50)
             listener.until(lambda: not listener.infos["d1"].trouble)
