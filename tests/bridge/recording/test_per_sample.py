@@ -19,6 +19,7 @@ from bridge.ros.imu_rows import WAIT_S, ImuJoin, ImuRows
 from bridge.wire import codec, keys
 from bridge.wire.messages import OrientationBatch, Quality
 from estimator.cli.main import main
+from tests.bridge.bus.worlds import eventually
 from tests.bridge.recording.crowd import STEP, WARD, Crowd, corrected, samples
 from tests.bridge.recording.test_convert import session  # noqa: F401 - a fixture
 from tests.bridge.recording.test_record import Run
@@ -45,9 +46,9 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A recording with --per-sample: three devices, of which one also has an orientation for a while."""
     folder = tmp_path_factory.mktemp("recorded")
     run = Run(folder, wait_s=10.0, per_sample=True)
-    with MemoryBus(run.broker) as bus, Crowd(bus, 3) as crowd:
-        while not crowd.sent:
-            pass
+    with MemoryBus(run.broker) as bus:
+        with Crowd(bus, 3) as crowd:
+            eventually(lambda: bool(crowd.sent))
         turned = bus.publisher(keys.build(WARD, "orientation", device="late"), cache=99)
         raw = bus.publisher(keys.build(WARD, "raw", bridge="bridge-1", device="late"), cache=99)
         rates = bus.publisher(keys.build(WARD, "corrected", device="late"), cache=99)

@@ -196,14 +196,14 @@ def test_datagrams_that_nobody_reads_are_bounded_and_counted(udp: int, senders: 
     end = time.monotonic() + PATIENCE_S
     while port.faults.as_dict().get(OVERFLOW, 0) < 10:
         assert time.monotonic() < end
-        for _ in range(20):
+        for _ in range(400):  # 20 MB
             senders[0].say(bytes(50_000))
         port.read(0.0)
     waiting = 0
     while data := port.read(0.1).data:
         waiting += len(data)
-    assert waiting < 2 << 20
     port.close()
+    assert waiting < 8 << 20  # 1 MB here, and what the system's own buffer holds
 
 
 def test_a_udp_port_is_busy_in_words(udp: int) -> None:
