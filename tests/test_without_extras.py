@@ -7,25 +7,32 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 #: rooms of which each module may need the library of its own device, file format or kind of subscriber
 ON_REQUEST = ("bridge.drivers.", "bridge.recording.formats.", "estimator.outlets.")
-PROGRAM = """
+PROGRAM = '''
 import importlib, pkgutil, sys
-from importlib.metadata import packages_distributions, requires, PackageNotFoundError
+from contextlib import suppress
+from importlib.metadata import PackageNotFoundError, metadata, packages_distributions, requires
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
-plain, to_see = set(), ["truerate"]
-while to_see:
-    name = canonicalize_name(to_see.pop())
-    if name in plain:
-        continue
-    plain.add(name)
-    try:
-        needed = [Requirement(one) for one in requires(name) or ()]
-    except PackageNotFoundError:
-        continue
-    to_see += [one.name for one in needed if one.marker is None or one.marker.evaluate({"extra": ""})]
+
+
+def needed(extras):
+    """Names of the packages that truerate needs with these extras, and that those need."""
+    found, to_see = set(), [Requirement(f"truerate[{','.join(extras)}]")]
+    while to_see:
+        one = to_see.pop()
+        if (name := canonicalize_name(one.name), *sorted(one.extras)) not in found:
+            found.add((name, *sorted(one.extras)))
+            with suppress(PackageNotFoundError):
+                for part in map(Requirement, requires(name) or ()):
+                    if part.marker is None or any(part.marker.evaluate({"extra": e}) for e in ("", *one.extras)):
+                        to_see.append(part)
+    return {name for name, *_ in found}
+
+
+of_extras = needed(metadata("truerate").get_all("Provides-Extra")) - needed([])
 for module, packages in packages_distributions().items():
-    if not plain & {canonicalize_name(package) for package in packages}:
+    if of_extras >= {canonicalize_name(package) for package in packages}:
         sys.modules[module] = None  # as if it were not installed
 
 import bridge, estimator
@@ -36,7 +43,7 @@ for package in bridge, estimator:
                 importlib.import_module(module.name)
             except ModuleNotFoundError as error:
                 print(module.name, error.name)
-"""
+'''
 
 
 def test_only_what_an_extra_is_for_needs_it() -> None:
