@@ -70,12 +70,12 @@ class MessageQueue:
 
     @property
     def closed(self) -> bool:
-        """Whether the queue is closed: it discards new messages, and readers get none, so a reading loop must end."""
+        """True if the queue is closed: it discards new messages, and readers get none, so a reading loop must end."""
         return self._over
 
     @property
     def caught_up(self) -> bool:
-        """Whether the history from publishers' caches has arrived, or its query has timed out; live messages follow."""
+        """True if the history from publishers' caches has arrived, or its query has timed out; live messages follow."""
         return True
 
     def receive(self, timeout_s: float) -> Message | None:

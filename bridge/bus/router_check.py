@@ -82,7 +82,7 @@ def open_to_others(listen: Sequence[str]) -> Iterator[str]:
 
 
 def loopback(endpoint: str) -> bool:
-    """Whether a zenoh endpoint is reachable from the same machine only."""
+    """Return whether a zenoh endpoint is reachable from the same machine only."""
     protocol, _, address = endpoint.partition("/")
     host = address.partition("#")[0].partition("?")[0].rpartition(":")[0].strip("[]")
     try:

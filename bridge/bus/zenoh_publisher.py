@@ -40,7 +40,7 @@ class Publisher(Declared):
 
     @property
     def wanted(self) -> bool:
-        """Whether a subscriber exists now; always true with a cache, because late subscribers read the cache."""
+        """True if a subscriber exists now; always true with a cache, because late subscribers read the cache."""
         if self.cache is not None:
             return True
         try:

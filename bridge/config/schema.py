@@ -79,7 +79,7 @@ def listening(address: str) -> tuple[str, int]:
 
 
 def clash(address: str, other: str) -> bool:
-    """Whether two listen addresses `HOST:PORT` on one machine conflict.
+    """Return whether two listen addresses `HOST:PORT` on one machine conflict.
 
     They do if the ports are equal, and the hosts are equal or one of them stands for all addresses.
     """
@@ -121,7 +121,7 @@ class Bus(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
     @property
     def certified(self) -> bool:
-        """Whether the table names certificates, which programs then show to the routers."""
+        """True if the table names certificates, which programs then show to the routers."""
         return bool(self.pki or self.key)
 
     def every(self) -> list[Routers]:
@@ -221,7 +221,7 @@ class Device:
         return cls(device, name, options(rest, kinds[name].options))
 
     def __eq__(self, other: object) -> bool:
-        """Whether both tables say the same."""
+        """Return whether both tables say the same."""
         return isinstance(other, Device) and self._told == other._told
 
     def __hash__(self) -> int:

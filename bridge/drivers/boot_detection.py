@@ -101,7 +101,7 @@ class BootDetector:
         return self._goes_on(self._last, step, tick, receive_time_ns)
 
     def _fits(self, step: int, passed_s: float, tick: int) -> bool:
-        """Whether a clock that did not restart can advance by `step` ticks in passed_s seconds of host time."""
+        """Return whether a clock that did not restart can advance by `step` ticks in passed_s seconds of host time."""
         period_s = self._period_s or 0.0
         step_s = step * period_s
         behind_s, slack_s = passed_s - step_s, _AHEAD_S + _SKEW * passed_s
@@ -130,7 +130,7 @@ class BootDetector:
         return expected + (plain - expected + half) % self._whole - half, passed_s
 
     def _confirmed(self, tick: int) -> bool:
-        """Whether enough odd times in a row agree with each other."""
+        """Return whether enough odd times in a row agree with each other."""
         if self._odd and not 0 <= (tick - self._odd[-1]) * (self._period_s or 0.0) <= _AGREE_S:
             self._odd.clear()
         self._odd.append(tick)

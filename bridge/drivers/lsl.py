@@ -35,7 +35,7 @@ _STEPS, _UNEVEN = 500, 0.1
 
 
 def available() -> bool:
-    """Whether pylsl, the package that receives LSL streams, is installed."""
+    """Return whether pylsl, the package that receives LSL streams, is installed."""
     return importlib.util.find_spec("pylsl") is not None
 
 

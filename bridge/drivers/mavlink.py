@@ -30,7 +30,7 @@ _MAX_SYSTEMS: Final = 8  # named in a notice
 
 
 def available() -> bool:
-    """Whether pymavlink, the package that decodes MAVLink, is installed."""
+    """Return whether pymavlink, the package that decodes MAVLink, is installed."""
     return importlib.util.find_spec("pymavlink") is not None
 
 
@@ -123,7 +123,7 @@ class MavlinkDecoder(Decoder):
             self._know(replace(self._about, firmware=f"{major}.{minor}.{patch}"))
 
     def _is_ours(self, message: Any) -> bool:
-        """Whether an inertial message is of the selected system; the first message selects it."""
+        """Return whether an inertial message is of the selected system; the first message selects it."""
         system = message.get_srcSystem()
         if len(self._heard) < _MAX_SYSTEMS:
             self._heard[system] = None
@@ -139,7 +139,10 @@ class MavlinkDecoder(Decoder):
         return bool(message.get_srcSystem() == self._system and message.get_srcComponent() in {self._component, None})
 
     def _is_best(self, kind: str) -> bool:
-        """Whether no better kind of message is sent; a better kind restarts the assembly, because its clock differs."""
+        """Return whether the device sends no better kind of message.
+
+        A better kind restarts the assembly, because its clock differs.
+        """
         unknown = kind == "RAW_IMU" and self._autopilot != _ARDUPILOT
         if unknown or (self._message and _RANKS.index(kind) < _RANKS.index(self._message)):
             self.faults.add(OTHER_MESSAGE)

@@ -30,7 +30,7 @@ class Settings(RequestQueue):
 
     @property
     def settled(self) -> bool:
-        """Whether all queries and settings are answered, or were given up."""
+        """True if all queries and settings are answered, or were given up."""
         return self._given_up or self.key is None
 
     def begin(self, *, woken: bool = False) -> None:

@@ -73,7 +73,7 @@ class Playback:
 
     @property
     def over(self) -> bool:
-        """Whether all segments have been played to their end."""
+        """True if all segments have been played to their end."""
         return self._at >= len(self._takes)
 
     def wait_s(self, elapsed_s: float) -> float:

@@ -41,7 +41,7 @@ class RequestQueue:
 
     @property
     def sending(self) -> bool:
-        """Whether commands wait to be fetched by `command`."""
+        """True if commands wait to be fetched by `command`."""
         return bool(self._commands)
 
     def add(self, key: int | str, *commands: bytes) -> None:

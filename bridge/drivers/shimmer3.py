@@ -122,7 +122,7 @@ class Shimmer3Decoder:
         requests.add(_START, b"\x07")
 
     def _awaits_ack(self) -> bool:
-        """Whether the open request is answered by an acknowledgement alone; that of the CRC carries one."""
+        """Return whether the open request is answered by an acknowledgement alone; that of the CRC carries one."""
         key = self._requests.key
         return isinstance(key, str) and (key != _CRC or self._frames.checked)
 

@@ -58,7 +58,7 @@ class Settings(RequestQueue):
 
     @property
     def settled(self) -> bool:
-        """Whether all queries but that of the battery are answered, and no command waits to be sent."""
+        """True if all queries but that of the battery are answered, and no command waits to be sent."""
         return self.key in (None, BATTERY) and not self.sending
 
     def passed(self, now_ns: int) -> list[Notice]:

@@ -143,7 +143,7 @@ class Ximu3Decoder:
         )
 
     def _waits(self, now_ns: int) -> bool:
-        """Whether the device is not identified and set yet; a stored calibration is looked up by the name."""
+        """Return whether the device is not identified and set yet; a stored calibration is looked up by the name."""
         waits = not self._boot and self._settings.key is not None
         return waits and now_ns - self._first_ns < _PATIENCE_NS
 

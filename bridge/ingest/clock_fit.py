@@ -46,12 +46,12 @@ class ClockFit:
 
     @property
     def measured(self) -> bool:
-        """Whether `rate` has been measured; until then it is assumed to be 1."""
+        """True if `rate` has been measured; until then it is assumed to be 1."""
         return self.rate_error < inf
 
     @property
     def sure(self) -> bool:
-        """Whether the rate is known to 0.5 %, so that a sample's lateness can be told from a rate error."""
+        """True if the rate is known to 0.5 %, so that a sample's lateness can be told from a rate error."""
         return self.rate_error < _SURE * self.rate
 
     def observe(self, device_s: float, receive_time_ns: int) -> None:

@@ -117,7 +117,7 @@ class Repeats:
         return stuck
 
     def _repeats(self, gyro: Floats) -> bool:
-        """Whether any of the next readings repeats the reading before it."""
+        """Return whether any of the next readings repeats the reading before it."""
         rows = gyro.tolist()
         if any(map(eq, rows, [*self._last.tolist(), *rows])):
             return True

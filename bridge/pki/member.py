@@ -22,7 +22,7 @@ class Role(Enum):
 
     @property
     def serves(self) -> bool:
-        """Whether other programs connect to the holder, by the hosts in its certificate.
+        """True if other programs connect to the holder, by the hosts in its certificate.
 
         True for a router and a page.
         """

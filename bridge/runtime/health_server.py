@@ -77,7 +77,7 @@ class HealthServer:
 
 
 def own_host(host: str, names: Container[str]) -> bool:
-    """Whether an HTTP Host header names this machine: by any address, or by one of `names`, in lower case.
+    """Return whether an HTTP Host header names this machine: by any address, or by one of `names`, in lower case.
 
     Any other name may belong to a foreign page directed to this machine's address (DNS rebinding).
     """

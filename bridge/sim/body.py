@@ -41,7 +41,7 @@ class Activity(IntEnum):
 
     @property
     def worn(self) -> bool:
-        """Whether the device is on skin during this activity."""
+        """True if the device is on skin during this activity."""
         return self not in (Activity.TABLE, Activity.HANDLED)
 
 

@@ -57,7 +57,7 @@ class Radio(Protocol):
 
 
 def available() -> bool:
-    """Whether the packages of the extra `ble` are installed."""
+    """Return whether the packages of the extra `ble` are installed."""
     return all(importlib.util.find_spec(name) is not None for name in _PACKAGES)
 
 

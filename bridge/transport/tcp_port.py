@@ -87,7 +87,7 @@ class TcpPort:
 
 
 def _waited(error: OSError) -> bool:
-    """Whether no data came in time. A connection whose device no longer answers has an error number."""
+    """Return whether no data came in time. A connection whose device no longer answers has an error number."""
     return isinstance(error, BlockingIOError) or (isinstance(error, TimeoutError) and error.errno is None)
 
 

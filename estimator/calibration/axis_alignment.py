@@ -86,7 +86,7 @@ def misfit(rest: Rest, samples: Samples, matrix: Floats) -> Floats:
 
 
 def _moves(accel: Floats | None) -> bool:
-    """Whether there is an accelerometer whose readings change; a frozen one has constant readings."""
+    """Return whether there is an accelerometer whose readings change; a frozen one has constant readings."""
     return accel is not None and bool(np.ptp(accel, axis=0).any())
 
 

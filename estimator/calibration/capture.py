@@ -85,7 +85,7 @@ class TurnCapture:
 
     @property
     def checked_by_gravity(self) -> bool:
-        """Whether gravity before and after shows if the turn was full: its axis must be less than 45° from the horizon.
+        """True if gravity before and after shows if the turn was full: its axis must be less than 45° from the horizon.
 
         False without an accelerometer.
         """

@@ -25,7 +25,7 @@ def check(option: str, path: Path) -> None:
 
 
 def _is_drawn(path: Path) -> bool:
-    """Whether a file is a picture by Matplotlib (its name is in every format), or empty, and may be overwritten."""
+    """Return whether a file is a picture by Matplotlib (its name is in every format), or empty, and may be overwritten."""
     try:
         drawn = path.read_bytes()
     except OSError:

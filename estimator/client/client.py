@@ -57,7 +57,7 @@ class Client:
 
     @property
     def connected(self) -> bool:
-        """Whether a router is connected now. While disconnected no message arrives, and the client retries for ever."""
+        """True if a router is connected now. While disconnected no message arrives, and the client retries for ever."""
         return self._bus.connected
 
     def corrected(

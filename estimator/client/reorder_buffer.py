@@ -165,11 +165,7 @@ class ReorderBuffer:
 
 
 def _begins_anew(batch: CorrectedBatch, newest: CorrectedBatch) -> bool:
-    """Whether low sequence numbers mean a device restarted under its old boot number, rather than repeated samples.
-
-    Samples after a restart are later in time. Each estimator publishes its samples in order; a repeat by another
-    estimator may carry a mistaken time.
-    """
+    """Return whether low sequence numbers mean a device restarted under its old boot number, not repeated samples."""
     by_ns = SAME_TIME_NS if batch.epoch == newest.epoch else MISTAKEN_NS
     if (
         batch.sequence + len(batch) > newest.sequence + len(newest)

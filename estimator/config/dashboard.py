@@ -119,12 +119,12 @@ class Dashboard(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
     @property
     def commanded(self) -> bool:
-        """Whether anybody may give commands: people are listed, or log in by OpenID Connect."""
+        """True if anybody may give commands: people are listed, or log in by OpenID Connect."""
         return bool(self.people or self.people_file or self.openid)
 
     @property
     def local(self) -> bool:
-        """Whether only this machine can reach the page, as `listen` is a loopback address."""
+        """True if only this machine can reach the page, as `listen` is a loopback address."""
         host, _ = listening(self.listen)
         try:
             return ip_address(host).is_loopback

@@ -45,7 +45,7 @@ class Backups:
         return []
 
     def due(self, now_s: float) -> bool:
-        """Whether it is time for a backup: none is newer than 23 hours at now_s, seconds since the Unix epoch.
+        """Return whether it is time for a backup: none is newer than 23 hours at now_s, seconds since the Unix epoch.
 
         A newest backup dated in the future does not count, since the clock was wrong.
         """

@@ -196,7 +196,7 @@ def free_port() -> int:
 
 
 def listens(endpoint: str, timeout_s: float) -> bool:
-    """Whether something listens at a TCP endpoint within timeout_s seconds."""
+    """Return whether something listens at a TCP endpoint within timeout_s seconds."""
     host, _, port = endpoint.removeprefix("tcp/").rpartition(":")
     deadline = time.monotonic() + timeout_s
     while time.monotonic() < deadline:

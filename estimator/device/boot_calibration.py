@@ -248,7 +248,7 @@ class BootCalibration:
 
     @property
     def awaited(self) -> bool:
-        """Whether a person now waits for the next samples' result: a calibration's first rest, or one of its turns."""
+        """True if a person now waits for the next samples' result: a calibration's first rest, or one of its turns."""
         return self.under_way is not None and self.under_way.awaited
 
     @property

@@ -222,7 +222,7 @@ class BootEstimation(BootCalibration):
 
     @property
     def _doubted(self) -> bool:
-        """Whether a rest can confirm a doubted bias."""
+        """True if a rest can confirm a doubted bias."""
         return self.tracker.doubt.stands or self._life.state is State.DEGRADED
 
     # ---- estimates -------------------------------------------------------------------------------------------------

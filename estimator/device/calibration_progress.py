@@ -31,7 +31,7 @@ class CalibrationProgress(CalibrationSession):
 
     @property
     def awaited(self) -> bool:
-        """Whether a person now waits for a result of the next samples: the first rest, or a turn after another."""
+        """True if a person now waits for a result of the next samples: the first rest, or a turn after another."""
         return bool(self.turns) or not self.rested
 
     def judge(self, begun: float, ended: float, *, still: bool) -> list[Progress]:

@@ -101,7 +101,7 @@ class CorrectedStream:
         return self.learnt.tracker
 
     def begins_earlier(self, samples: Samples) -> bool:
-        """Whether the samples precede the assumed begin of this boot, while none of the boot was taken yet."""
+        """Return whether the samples precede the assumed begin of this boot, while none of the boot was taken yet."""
         return self.sequence.next is None and samples.first_s < self.learnt.began
 
     def handle(self, batch: SampleBatch) -> Outcome:
@@ -133,7 +133,7 @@ class CorrectedStream:
 
     @property
     def to_learn(self) -> bool:
-        """Whether a whole block of samples waits for `learn`."""
+        """True if a whole block of samples waits for `learn`."""
         return self._lesson is not None
 
     def learn(self) -> Outcome:

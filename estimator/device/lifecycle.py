@@ -125,7 +125,7 @@ class Lifecycle:
 
     @property
     def away(self) -> bool:
-        """Whether nothing arrives from the device: UNKNOWN or LOST."""
+        """True if nothing arrives from the device: UNKNOWN or LOST."""
         return self.state in AWAY
 
     @property

@@ -26,5 +26,5 @@ class Outcome:
 
     @property
     def worded(self) -> bool:
-        """Whether there is a message to publish beside the samples: a status, calibration or revision."""
+        """True if there is a message to publish beside the samples: a status, calibration or revision."""
         return self.changed or bool(self.calibrations) or bool(self.revisions)

@@ -27,7 +27,7 @@ class SequenceNumbers:
         self.first = 0
 
     def is_new_boot(self, boot: int) -> bool:
-        """Whether samples with this boot id mean that the device has restarted."""
+        """Return whether samples with this boot id mean that the device has restarted."""
         if boot == self.boot or boot in self._past:
             return False
         before = None if self._before is None else self._before()
@@ -59,7 +59,7 @@ class SequenceNumbers:
         self._before = boots
 
     def follows(self, batch: Samples) -> bool:
-        """Whether a batch reaches beyond the last number of its boot, the present one or an earlier one."""
+        """Return whether a batch reaches beyond the last number of its boot, the present one or an earlier one."""
         came_to = self.next if batch.boot == self.boot else self._past.get(batch.boot)
         return came_to is None or batch.sequence + batch.n > came_to
 

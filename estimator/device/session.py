@@ -395,5 +395,5 @@ class DeviceSession(CorrectedStream):
 
 
 def _same(own: DeviceCalibration, known: Calibration) -> bool:
-    """Whether a calibration in use has these values."""
+    """Return whether a calibration in use has these values."""
     return np.array_equal(own.scale, known.matrix.diagonal()) and np.array_equal(own.bias, known.bias)

@@ -227,7 +227,7 @@ class Guide:
 
     @property
     def _sure(self) -> bool:
-        """Whether rests count now: a calibration is running, and readings and status are of the same boot."""
+        """True if rests count now: a calibration is running, and readings and status are of the same boot."""
         return self._status is not None and self._status.state in CALIBRATING and self.hand.boot == self._status.boot
 
     def _turning(self, status: Status, done: tuple[int, ...], needed: tuple[int, ...]) -> Instruction:
@@ -246,7 +246,7 @@ class Guide:
         return Instruction(Step.TURNING, picture, words, ring, angle, axis, done, needed)
 
     def _judging(self, status: Status) -> bool:
-        """Whether a turn is in progress, or has ended and awaits the estimator's verdict."""
+        """Return whether a turn is in progress, or has ended and awaits the estimator's verdict."""
         if not self.hand.settled:
             return True
         waited = self.hand.still_s > self.hand.rest_s + _JUDGED_S

@@ -83,7 +83,7 @@ class Hand:
 
     @property
     def moved(self) -> bool:
-        """Whether the device has turned by more than a nudge (30°) since the last rest."""
+        """True if the device has turned by more than a nudge (30°) since the last rest."""
         return float(np.linalg.norm(self.turned)) > NUDGE
 
     def believe(self, along: int) -> None:

@@ -22,7 +22,7 @@ def nothing_known(noise_guess: float) -> tuple[Floats, Floats]:
 
 
 def near(a: Floats, b: Floats, tolerance: float) -> bool:
-    """Whether two rates (3,) differ by less than `tolerance` (same unit) on every axis."""
+    """Return whether two rates (3,) differ by less than `tolerance` (same unit) on every axis."""
     return bool(abs(a[0] - b[0]) < tolerance and abs(a[1] - b[1]) < tolerance and abs(a[2] - b[2]) < tolerance)
 
 
@@ -94,7 +94,7 @@ def mended(read: Floats, clipped: Floats, before: Floats, spikes: tuple[float, f
 
 
 def broken(time: Floats, clipped: Floats, before: float, gap_s: float) -> tuple[bool, bool]:
-    """Whether a window has a gap of gap_s or more between samples, and whether a reading in it is clipped.
+    """Return whether a window has a gap of gap_s or more between samples, and whether a reading in it is clipped.
 
     time (n,) s, clipped (n,): of the window's samples. before: time of the sample before it, s.
     """
@@ -107,7 +107,7 @@ def broken(time: Floats, clipped: Floats, before: float, gap_s: float) -> tuple[
 
 
 def quiet(mean: Floats, std: Floats, rate_hz: float, noise: Floats, knobs: tuple[float, ...]) -> bool:
-    """Whether readings of this mean (6,) and std (6,) scatter no more than at rest; accel's mean is NaN without one.
+    """Return whether readings of mean (6,) and std (6,) scatter no more than at rest; accel's mean is NaN without one.
 
     rate_hz: sample rate in the window. noise (4,): rate at which the noise was learnt, and the noise. knobs: see
     `judged`.
@@ -122,7 +122,7 @@ def quiet(mean: Floats, std: Floats, rate_hz: float, noise: Floats, knobs: tuple
 
 
 def rests(mean: Floats, begun: float, ended: float, state: Floats, knobs: tuple[float, ...]) -> bool:
-    """Whether a quiet window of mean rate (3,) belongs to a rest, or is long enough at another rate to be one.
+    """Return whether a quiet window of mean rate (3,) belongs to a rest, or is long enough at another rate to be one.
 
     begun, ended: times of the window, s. state (5, 4), changed in place, and knobs: see `judged`.
     """

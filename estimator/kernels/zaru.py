@@ -7,7 +7,7 @@ from estimator.kernels.compiled import Floats, compiled
 
 @compiled("b1(f8[:, :, ::1], f8, f8)")
 def calm(means: Floats, motion_var: float, scatter: float) -> bool:
-    """Whether the means of k seconds scatter as little as in one rest: below `scatter` times the expected variance.
+    """Return whether means of k seconds scatter as little as in one rest: below `scatter` times the expected variance.
 
     Two means are always calm. means (k, 2, 3): means, rad/s, and their variances. motion_var: variance of a resting
     body's motion, added to these.

@@ -39,7 +39,7 @@ class Coefficient:
 
     @property
     def seen(self) -> bool:
-        """Whether the record shows this noise; if not, only the upper limit `high` is known."""
+        """True if the record shows this noise; if not, only the upper limit `high` is known."""
         return self.low > 0
 
 

@@ -113,7 +113,7 @@ class Attitude:
 
     @property
     def begun(self) -> bool:
-        """Whether the attitude has begun: at least one sample was taken."""
+        """True if the attitude has begun: at least one sample was taken."""
         return not np.isnan(self.state[loop.TIME])
 
     @property

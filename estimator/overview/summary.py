@@ -76,7 +76,7 @@ class WardSummary:
 
     @property
     def well(self) -> bool:
-        """Whether nobody has to do anything: no needs, no lost samples, no troubles."""
+        """True if nobody has to do anything: no needs, no lost samples, no troubles."""
         return not (self.needs or self.law or self.troubles)
 
 

@@ -53,7 +53,7 @@ class DeviceRow:
 
     @property
     def low_battery(self) -> bool:
-        """Whether the battery is low and not charging."""
+        """True if the battery is low and not charging."""
         return self.battery_percent is not None and self.battery_percent < LOW_BATTERY_PERCENT and not self.charging
 
     @property
@@ -94,7 +94,7 @@ class WardView:
             del known[next(one for one in known if status is None or one != status.bridge)]
 
     def room(self, device: str, most: int) -> bool:
-        """Whether to keep infos of a device: it is known, or fewer than `most` devices are known from bridges only."""
+        """Return whether to keep infos of a device: known, or fewer than `most` devices are known from bridges only."""
         known = device in self._statuses or device in self._infos
         return known or len(self._infos.keys() - self._statuses.keys()) < most
 
@@ -122,7 +122,7 @@ class WardView:
         return sorted((self.row(name, now) for name in names), key=lambda row: row.order)
 
     def settled(self, now: float) -> bool:
-        """Whether each device is known to be live (a second status came) or silent (none for SILENT_S)."""
+        """Return whether each device is known to be live (a second status came) or silent (none for SILENT_S)."""
         return all(name in self._anew or _silence(now - heard) for name, (_, heard) in self._statuses.items())
 
     def statuses(self, now: float) -> dict[str, Status]:
@@ -226,7 +226,7 @@ def chosen(rows: Iterable[DeviceRow], only: Iterable[str]) -> list[DeviceRow]:
 
 
 def matches(text: str, pattern: str) -> bool:
-    """Whether a text matches a pattern: `*` stands for any characters, `?` for one.
+    """Return whether a text matches a pattern: `*` stands for any characters, `?` for one.
 
     The time is at most proportional to the product of both lengths.
     """

@@ -25,7 +25,7 @@ _MEANS = {
 
 
 def bias_known(corrected: CorrectedRecording) -> bool:
-    """Whether the bias is known for any sample of a corrected recording."""
+    """Return whether the bias is known for any sample of a corrected recording."""
     return not corrected.seconds().keys() <= {"NONE", "PRIOR"}
 
 

@@ -62,7 +62,7 @@ class Blocks:
         return 0.0 if self._first_s is None else self.latest - self._first_s
 
     def went_back(self, first_s: float, away_s: float) -> bool:
-        """Whether the device's clock went back; if so, device time is shifted so that it goes on rising.
+        """Return whether the device's clock went back; if so, device time is shifted so that it goes on rising.
 
         first_s: device clock of the next sample, s. away_s: least time, s, that passed meanwhile according to the host.
         """

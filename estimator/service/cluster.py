@@ -216,7 +216,7 @@ class Cluster:
         return self.membership.held.get(device) or self.membership.take(device, self._now_ns())
 
     def answers(self, key: keys.Key) -> bool:
-        """Whether this estimator must answer a command, given the command's key.
+        """Return whether this estimator must answer a command, given the command's key.
 
         It answers for the devices it holds, for unclaimed devices that belong to it, and for its own alerts.
         """

@@ -166,7 +166,7 @@ class DeviceStarts:
             self._parts.devices.guard(device, self._resume, device)
 
     def _goes_on(self, device: Device, known: Checkpoint) -> bool:
-        """Whether a device continues from a checkpoint; a damaged checkpoint changes nothing and is counted."""
+        """Return whether a device continues from a checkpoint; a damaged checkpoint changes nothing and is counted."""
         try:
             device.take_over(known)
         except Exception as error:  # noqa: BLE001 - a checkpoint may hold anything, and all devices are at stake

@@ -86,7 +86,7 @@ class EnrolmentGate:
             del self.strangers[name]
 
     def lists(self, device: str) -> bool:
-        """Whether a device is enrolled by its id."""
+        """Return whether a device is enrolled by its id."""
         return device in self._places
 
     def enrol(self, enrolment: Enrolment) -> None:
@@ -105,7 +105,7 @@ class EnrolmentGate:
         return () if self._enrolment is None or place is not None else (Code.NOT_ENROLLED(),)
 
     def admits(self, bridge: str, device: str, now: float) -> bool:
-        """Whether a message of a device from this bridge is admitted, at `now`, monotonic s.
+        """Return whether a message of a device from this bridge is admitted, at `now`, monotonic s.
 
         A refused message is counted, and its device may be listed in `strangers`.
         """

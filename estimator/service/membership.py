@@ -90,11 +90,11 @@ class Membership:
 
     @property
     def alone(self) -> bool:
-        """Whether no other estimator is alive."""
+        """True if no other estimator is alive."""
         return len(self.members) == 1
 
     def ready(self, now: float) -> bool:
-        """Whether devices may be taken now: the hold-off after a start, an outage or a pause is over."""
+        """Return whether devices may be taken now: the hold-off after a start, an outage or a pause is over."""
         return now >= self._ready_s
 
     def hold_off(self, now: float) -> None:
@@ -153,11 +153,14 @@ class Membership:
         return sorted(there - before), sorted(before - there)
 
     def owns(self, device: str) -> bool:
-        """Whether a device belongs to this estimator by its hash, given the live estimators; it may not hold it yet."""
+        """Return whether a device belongs to this estimator, by its hash among the live estimators.
+
+        The device may still be held by another estimator.
+        """
         return owner(device, self.members) == self.own
 
     def wants(self, device: str, now: float) -> bool:
-        """Whether to take a device now: it belongs to us, we do not hold it, and no hold-off is running.
+        """Return whether to take a device now: it belongs to us, we do not hold it, and no hold-off is running.
 
         False while another estimator is in a calibration of the device that would lose its turns, and for a while after
         we lost the device to a live estimator.
@@ -196,7 +199,7 @@ class Membership:
         self.held = {device: epoch for device, epoch in self.held.items() if device in devices}
 
     def answers(self, device: str) -> bool:
-        """Whether this estimator answers commands for a device: it holds the device, or owns one that nobody claims."""
+        """Return whether we answer commands for a device: it holds the device, or owns one that nobody claims."""
         if device in self.held or self.alone:
             return True
         return self.owns(device) and not any(True for _ in self._claims(device))

@@ -65,7 +65,7 @@ class ReplayLog:
         self._size -= self._sizes.pop(device, 0)
 
     def heard(self, device: str, since: float) -> bool:
-        """Whether a kept message of a device came after the time `since`, monotonic s."""
+        """Return whether a kept message of a device came after the time `since`, monotonic s."""
         late = takewhile(lambda entry: entry[0] > since, reversed(self._order))
         return any(name == device for _, name in late)
 
@@ -85,13 +85,13 @@ class Resumed:
         self._reached, self._until = dict(reached), now + LASTS_S
 
     def lasts(self, now: float) -> bool:
-        """Whether replayed samples may still arrive at `now`: for LASTS_S after the start."""
+        """Return whether replayed samples may still arrive at `now`: for LASTS_S after the start."""
         if self._reached and now >= self._until:
             self._reached = {}
         return bool(self._reached)
 
     def done(self, samples: Samples) -> bool:
-        """Whether samples were corrected before the restart, by boot, sequence number and host time.
+        """Return whether samples were corrected before the restart, by boot, sequence number and host time.
 
         Samples of another run under the same boot number were not: they are later.
         """

@@ -28,7 +28,7 @@ class Before(NamedTuple):
     seen_ns: int | None
 
     def has(self, calibration: Calibration) -> bool:
-        """Whether a calibration belongs to the earlier power-up, as far as known."""
+        """Return whether a calibration belongs to the earlier power-up, as far as known."""
         return calibration.id in self.ids or (self.seen_ns is not None and calibration.time_ns < self.seen_ns)
 
 

@@ -33,7 +33,7 @@ class AccelerometerCheck(StateStruct):
     alive: bool = False
 
     def fit(self, second: Second) -> bool:
-        """Whether the accelerometer can be used in the next second.
+        """Return whether the accelerometer can be used in the next second.
 
         False when there is none, when it was given up or is frozen, or when its mean magnitude is outside the plausible
         range.
@@ -66,7 +66,7 @@ class AccelerometerCheck(StateStruct):
 
     @property
     def contradicts(self) -> bool:
-        """Whether the accelerometer has contradicted the bias for `in_a_row` seconds in a row.
+        """True if the accelerometer has contradicted the bias for `in_a_row` seconds in a row.
 
         False once it is given up.
         """

@@ -42,7 +42,7 @@ class BiasMonitor(StateStruct):
 
     @property
     def stands(self) -> bool:
-        """Whether the bias is doubted; independent of the life cycle state, so a recalibration does not hide it."""
+        """True if the bias is doubted; independent of the life cycle state, so a recalibration does not hide it."""
         return bool(self.why)
 
     def anew(self) -> None:

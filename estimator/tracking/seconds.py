@@ -199,6 +199,6 @@ class Seconds:
         )
 
     def _stuck(self, held: NDArray[np.bool_], noise_std: Floats) -> bool:
-        """Whether an axis repeats its readings that must not: held (3,) marks the axes that do."""
+        """Return whether an axis repeats its readings that must not: held (3,) marks the axes that do."""
         # A gyro coarser than its noise may repeat readings at rest; an axis that showed noise before may not.
         return bool((held & (self._noisy | (noise_std > self._step / 2) & (noise_std > 1e-6))).any())

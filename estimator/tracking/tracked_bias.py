@@ -200,7 +200,7 @@ class TrackedBias:
 
     @property
     def surer(self) -> bool:
-        """Whether gravity has taught the matrix better than it was known before, so that it can come into use.
+        """True if gravity has taught the matrix better than it was known before, so that it can come into use.
 
         False where `TrackKnobs.learn_matrix` is off, or where anything speaks against bias or accelerometer.
         """
@@ -214,7 +214,7 @@ class TrackedBias:
 
     @property
     def sure(self) -> bool:
-        """Whether the bias is known better than `TrackKnobs.bias_std` on all axes."""
+        """True if the bias is known better than `TrackKnobs.bias_std` on all axes."""
         most = self.knobs.bias_std / self.doubt.consistency.inflation
         return all(var < most * most for var in self._filter.cov.diagonal()[BIAS].tolist())
 

@@ -180,7 +180,7 @@ class Zaru(StateStruct):
         return receipts if proven else [r._replace(reason=r.reason or UNPROVEN) for r in receipts], said
 
     def _begins(self, *, proven: bool) -> bool:
-        """Whether gravity's evidence is to be taken first: at the begin of a rest it may tell more than within it."""
+        """Return whether to use gravity's evidence first: at a rest's begin gravity may tell more than within the rest."""
         return self.rests == 1 or (proven and "zaru level" not in self.surprised)
 
     def _unproven_var(self, second: Second, *, checked: bool) -> Floats | float:
@@ -273,7 +273,7 @@ class Zaru(StateStruct):
             bias.widen(min(float(np.mean(weighed.innovation**2)), most) * np.eye(3))
 
     def _checked(self, second: Second, innovation: Floats) -> bool:
-        """Whether a turn at the rate of the innovation would have tilted gravity visibly by now."""
+        """Return whether a turn at the rate of the innovation would have tilted gravity visibly by now."""
         if self.rests < limits.SURE_RESTS:
             return False
         return self.tilt.would_show(float(np.linalg.norm(innovation)), second)

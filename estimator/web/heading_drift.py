@@ -57,7 +57,7 @@ class Heading:
 
     @property
     def vertical(self) -> bool:
-        """Whether the vertical is known, from the accelerometer at the start."""
+        """True if the vertical is known, from the accelerometer at the start."""
         return self._up is not None
 
     @property

@@ -35,7 +35,7 @@ class Passwords:
         self._hashes = {person.name: person.password for person in people}
 
     def right(self, name: str, password: str) -> bool:
-        """Whether the password belongs to the person of this name; an unknown name takes as long to check."""
+        """Return whether the password belongs to the person of this name; an unknown name takes as long to check."""
         try:
             _HASHER.verify(self._hashes.get(name) or _nobody(), password)
         except (VerificationError, InvalidHashError):

@@ -109,7 +109,10 @@ class Story:
             self.trail.mark(Mark(note.time_ns, "note", f"{note.who}: {note.text}"))
 
     def hears(self, bridge: str) -> bool:
-        """Whether infos of this bridge count: the estimator takes the samples from this bridge, or from none yet."""
+        """Return whether infos of this bridge count.
+
+        The estimator takes the samples from this bridge, or from none yet.
+        """
         return self.status is None or not self.status.boot or self.status.bridge in {"", bridge}
 
     def take_boot(self, boot: Boot) -> None:
@@ -299,14 +302,14 @@ class Known:
         return replace(row, state=UNKNOWN, needs_person=True, reason=(Code.ROUTER_GONE(), *last))
 
     def deaf(self, device: str) -> bool:
-        """Whether a device cannot be heard by a fault of the ward: router, every estimator, or its bridge is gone."""
+        """Return whether a fault of the ward silences a device: the router, every estimator, or its bridge is gone."""
         info = self.stories[device].info
         estimators, bridges = self.alive["estimator"].copy(), self.alive["bridge"].copy()
         none = (self.looked or bool(estimators)) and not any(estimators.values())
         return not self.connected or none or (info is not None and bridges.get(info.bridge) is False)
 
     def broken(self, device: str, now: float) -> bool:
-        """Whether the ward cannot hear the device (`deaf`), or no estimator reports the device any more."""
+        """Return whether the ward cannot hear the device (`deaf`), or no estimator reports the device any more."""
         return self.deaf(device) or self.row(device, now).state == SILENT
 
     def troubles(self) -> Sentences:
