@@ -110,7 +110,7 @@ class Bucket:
     def download(self, name: str, to: Path, progress: Callable[[int, int], None]) -> None:
         """Download the object `name` into the file `to`, which is overwritten.
 
-        progress: called with the number of bytes done and the number in all.
+        progress(done, total): called with bytes.
         """
         with self._translated(), to.open("wb") as file:
             for chunk in (found := self._store.get(name)).stream():

@@ -48,7 +48,7 @@ class MessageQueue:
             self._ready.notify_all()
 
     def add_missed(self, count: int, key: str = "") -> None:
-        """Count `count` messages lost before they reached this queue, under their key; "" if the key is unknown."""
+        """Count `count` messages lost before they reached this queue. key: their bus key; "" if unknown."""
         with self._ready:
             self._count(key, count)
 

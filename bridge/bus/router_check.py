@@ -139,7 +139,7 @@ def _by_id(tables: list[dict[str, Any]]) -> dict[str, dict[str, Any]]:
 
 
 def _plain(value: Any) -> Any:
-    """Return a value ready to compare: lists sorted, an empty list as None, as in zenoh."""
+    """Return a zenoh setting ready to compare: lists sorted, an empty list as None, as in zenoh."""
     return (sorted(value, key=str) or None) if isinstance(value, list) else value
 
 

@@ -206,9 +206,9 @@ class Device:
 
     @classmethod
     def from_table(cls, table: dict[str, Any]) -> Self:
-        """Build a device from its TOML table. Raises ValueError.
+        """Build a device from its TOML table: the keys `id` and `driver`, and the options of that driver.
 
-        The keys are `id`, `driver`, and the options of that driver.
+        Raises ValueError for a missing or invalid id, an unknown driver, and an invalid option.
         """
         rest = dict(table)
         for key in ("id", "driver"):
@@ -221,7 +221,7 @@ class Device:
         return cls(device, name, options(rest, kinds[name].options))
 
     def __eq__(self, other: object) -> bool:
-        """Return whether both tables say the same."""
+        """Return whether both tables have the same id, driver and options."""
         return isinstance(other, Device) and self._told == other._told
 
     def __hash__(self) -> int:
