@@ -43,10 +43,11 @@ class BootDetector:
     """Assigns samples to boots and unwraps their ticks, for devices that send no boot number.
 
     Pure: times are arguments.
-    Taking two boots for one is dangerous, because a calibration would continue. Taking one boot for two costs a
-    calibration. So anything that a clock restarted at power-up could explain is a new boot, once three samples agree.
-    Exception: a boot that lasted under two seconds looks like datagrams overtaking each other.
-    A device whose clock continued while its port was closed is still in the same boot.
+    To mistake two boots for one is dangerous: the calibration of the first would continue. To mistake one boot for two
+    costs a calibration. So anything that a clock restarted at power-up could explain is a new boot, once three samples
+    agree.
+    Exception: a boot that lasted under two seconds looks like datagrams overtaking each other. A device whose clock
+    continued while its port was closed is still in the same boot.
 
     tick_period_s: seconds per tick, None without a clock. The clock wraps at 2**tick_bits. draw: makes boot numbers.
     number: the boot number, 0 before the first sample. cause: how the boot was detected.

@@ -177,7 +177,7 @@ class MavlinkDecoder(Decoder):
         self._held += 1
 
     def _battery_of(self, kind: str, message: Any) -> None:
-        """Note the battery of the selected system; any of its components may tell it. -1 is unknown."""
+        """Note the battery of the selected system; any component of the system may send it. -1 is unknown."""
         first = kind == "SYS_STATUS" or message.id == 0
         ours = first and message.get_srcSystem() == self._system
         known = 0 <= message.battery_remaining <= 100

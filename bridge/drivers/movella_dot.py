@@ -1,6 +1,6 @@
 """Driver for Movella (Xsens) DOT sensors, over Bluetooth Low Energy.
 
-The sensor measures only while told to: the driver sets its output rate, starts the measurement with a payload that has
+The sensor measures only on command: the driver sets its output rate, starts the measurement with a payload that has
 rates, and starts it again after a silence. Source: Movella DOT BLE Service Specification, XD0506P.
 """
 

@@ -172,7 +172,7 @@ class ReplayedDriver:
         self._start_s = 0.0
 
     def open(self) -> None:
-        """Load the recording and start it from its beginning. Raises DeviceUnavailable."""
+        """Load the recording and start it from its beginning. Raises DeviceUnavailable if it cannot be played."""
         try:
             takes = _takes(self._options)
         except RecordingError as error:

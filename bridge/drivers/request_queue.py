@@ -50,7 +50,7 @@ class RequestQueue:
             self._open.append(_Request(key, commands))
 
     def tell(self, *commands: bytes) -> None:
-        """Queue commands for which no answer is awaited."""
+        """Queue commands that the device does not answer."""
         self._commands += commands
 
     def answered(self) -> None:

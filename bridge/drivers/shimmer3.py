@@ -1,6 +1,6 @@
-"""Driver for Shimmer3 sensors with LogAndStream firmware, over Bluetooth's serial port (RFCOMM) or Bluetooth Low Energy.
+"""Driver for Shimmer3 sensors with LogAndStream firmware, over Bluetooth's serial port (RFCOMM) or Low Energy.
 
-The device streams only while told to: the driver queries what it sends and how it is calibrated, turns the CRC on, starts
+The device streams only on command: the driver queries the device's channels and calibration, turns the CRC on, starts
 the stream, and starts it again after a silence.
 """
 

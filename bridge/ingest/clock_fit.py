@@ -28,9 +28,8 @@ class ClockFit:
 
     rate: host seconds per device second.
     rate_error: half of the rate's 95 % interval, if the lateness is equally distributed at all times; infinite until
-    measured.
-    A host clock set back is followed at once. A host clock set forward, or a lasting new delay, is followed after some
-    seconds. A delay that is caught up changes nothing.
+    measured. `rate` is dimensionless. A host clock set back is followed at once. A host clock set forward, or a lasting
+    new delay, is followed after some seconds. A delay that is caught up changes nothing.
     """
 
     def __init__(self) -> None:

@@ -177,7 +177,7 @@ class Pump:
     def change(self, devices: Sequence[Device]) -> None:
         """Run these devices from now on: stop those not listed unchanged, and start the new ones.
 
-        The others go on untouched. The stopped devices' last samples are published.
+        Unchanged devices keep running. The stopped devices' last samples are published.
         """
         gone = [self._devices.pop(device) for device in self._devices.keys() - set(devices)]
         self._list()

@@ -25,7 +25,7 @@ class SampleTimes(NamedTuple):
 
     ticks (n,): rising, of tick_period_s each. clock_rate: host seconds per second of ticks.
     device_s (n,): times by the device's clock, s. last_ns: host time of the last sample, ns since the Unix epoch.
-    ns_per_s: host ns per device second. judged: whether lateness can be judged.
+    ns_per_s: host ns per device second. judged: the clock fit is good enough to tell late samples.
     """
 
     ticks: Counts

@@ -197,7 +197,7 @@ class Warmth:
         self._believed: tuple[float, float] | None = None  # time s, °C
 
     def leapt(self, time_s: Floats, temperature_c: Floats) -> Bools:
-        """Return a mask (n,) of temperatures (n,) °C not to be believed, at time_s (n,), s.
+        """Return a mask (n,) of temperatures (n,) °C that are implausible, at device times time_s (n,), s.
 
         A new level is accepted once enough time has passed to reach it.
         """
