@@ -75,6 +75,9 @@ def log_ns(own_ns: int, now_ns: int) -> int:
 
 
 def facts(key: str) -> dict[str, str]:
-    """Return a channel's metadata: its whole key (`key`), the ward, and the ids in the key by name. Raises Refusal."""
+    """Return a channel's metadata: its whole key (`key`), the ward, and the ids in the key by name.
+
+    Raises Refusal for an invalid key.
+    """
     place = keys.parse(key)
     return {"key": key, "ward": place.ward, **place.ids}

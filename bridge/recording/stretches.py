@@ -30,7 +30,7 @@ Singles = NDArray[np.float32]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stretch:
-    """Samples of one boot of a device, with rising sequence numbers and ticks (n,).
+    """n samples of one boot of a device, with rising sequence numbers (n,) and ticks (n,).
 
     boot: boot id. number: of the device's stretch, from 1. tick_period_s: seconds per tick.
     time_ns (n,): host time, ns since the Unix epoch. gyro (n, 3): rad/s.

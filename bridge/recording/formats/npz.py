@@ -23,7 +23,7 @@ _BOOT = re.compile("[0-9a-f]{16}")
 def read(path: Path, reading: Reading) -> Table:
     """Read the arrays of an .npz file, named in the module's docstring, as a Table.
 
-    Raises RecordingError, without NumPy's advice to load unsafely.
+    Raises RecordingError for a damaged file or a missing array.
     """
     if not path.stat().st_size:
         raise RecordingError(f"{path}: the file is empty: save an array 'gyro_rad_s' of shape (n, 3) with numpy.savez")

@@ -21,9 +21,10 @@ from bridge.recording.text import reader
 
 
 def read(path: Path, reading: Reading) -> Table:
-    """Read the columns of numbers and of times of a Parquet file as a Table. Raises RecordingError.
+    """Read the columns of numbers and of times of a Parquet file as a Table.
 
-    Columns are understood by their names, as those of a text table.
+    Columns are understood by their names, as those of a text table. Raises RecordingError for a damaged file, or
+    without the needed columns.
     """
     # A dataset reads only the columns named; ParquetFile reads also a text of the same name, or within one of that name.
     file = ds.dataset(path, format="parquet")

@@ -20,7 +20,10 @@ from bridge.recording.text.names import understood
 
 
 def read(path: Path, reading: Reading) -> Table:
-    """Read one stream of an XDF file as a Table; `reading.device` chooses among several. Raises RecordingError."""
+    """Read one stream of an XDF file as a Table; `reading.device` chooses among several.
+
+    Raises RecordingError for a damaged file, a file without a gyro stream, or several streams and no choice.
+    """
     packed = path.suffix.lower() != ".xdf"
     if packed:
         _check_unpacked(path)

@@ -24,7 +24,7 @@ _MOST_FAULTS = 10_000
 def read(path: Path, reading: Reading) -> Table:
     """Read the inertial messages of a data logger's file, each with the latest temperature, as a Table.
 
-    Raises RecordingError.
+    Raises RecordingError for a file without inertial messages.
     """
     lines, faults, celsius = Lines(LONGEST), Tally(), nan
     times_us, numbers = array("Q"), array("d")
