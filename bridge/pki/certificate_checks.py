@@ -115,7 +115,8 @@ def faults(identity: Identity, now: datetime, roles: tuple[Role, ...] = tuple(Ro
     """Check an identity's certificate, key, chain and file permissions.
 
     Return all faults as sentences that begin with the file.
-    now: time, with time zone. roles: the accepted roles. Empty if the identity is valid at `now` for one of the roles.
+    now: datetime with time zone. roles: the accepted roles. Empty if the identity is valid at `now` for one of the
+    roles.
     """
     try:
         trusted = certificates(identity.ca)

@@ -28,7 +28,7 @@ def parse_key(key: str, what: str) -> Key:
 def read(kind: type[M], payload: bytes) -> M:
     """Parse a payload as a protobuf message of class `kind`, and check its size and version but no other field.
 
-    Raises Refusal.
+    Raises Refusal if the payload is too large, no such message, or of an unknown version.
     """
     if len(payload) > MAX_PAYLOAD:
         raise Refusal(Reason.TOO_LARGE, f"{len(payload)} bytes; at most {MAX_PAYLOAD} are allowed")
@@ -55,7 +55,8 @@ def same_id(said: str, place: Key, name: str) -> None:
 def opened(kind: type[M], what: str, key: str, payload: bytes, id_: str = "device") -> tuple[M, Key]:
     """Parse a payload and its key; both must name the same id. Returns the protobuf message and the parsed key.
 
-    kind: protobuf class. what: kind of key, for example `status`. id_: name of the id to compare. Raises Refusal.
+    kind: protobuf class. what: kind of key, for example `status`. id_: name of the id to compare. Raises Refusal for an
+    invalid payload or key, and for different ids.
     """
     place = parse_key(key, what)
     message = read(kind, payload)

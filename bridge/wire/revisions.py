@@ -33,7 +33,7 @@ def encode_revision(revision: BiasRevision) -> bytes:
 
 
 def decode_revision(key: str, payload: bytes) -> BiasRevision:
-    """Decode and validate the payload of revision/<device> as a BiasRevision. Raises Refusal."""
+    """Decode and validate the payload of revision/<device> as a BiasRevision. Raises Refusal if invalid."""
     raw, _ = opened(pb.BiasRevision, "revision", key, payload)
     n = len(raw.sequences)
     if not MIN_POINTS <= n <= MAX_POINTS:

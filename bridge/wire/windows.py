@@ -65,7 +65,7 @@ def encode_windows(batch: WindowBatch) -> bytes:
 def decode_windows(key: str, payload: bytes) -> WindowBatch:
     """Decode and validate the payload of @windowed/<device> as a WindowBatch of 1 to MAX_WINDOWS windows.
 
-    Raises Refusal.
+    Raises Refusal for an invalid message.
     """
     raw, _ = opened(columns.WindowBatch, "@windowed", key, payload)
     sequences = np.frombuffer(_rising(raw.sequences, "sequences", MAX_SEQUENCE), UINT64)
