@@ -2,8 +2,8 @@
 
     |scale (reading - bias)| = G        in every pose, by weighted least squares (Gauss-Newton)
 
-Gravity counts as 9.80665 m/s²; where it differs, by up to 0.3 %, the scale makes up for it. What an axis takes from the
-others is not estimated: its size, as the residuals show it, is part of the covariance.
+Gravity counts as 9.80665 m/s²; where it differs, by up to 0.3 %, the scale makes up for it. Cross-axis sensitivity is
+not estimated: its size, as the residuals show it, is part of the covariance.
 Source: I. Frosio, F. Pedersini, N. A. Borghese, "Autocalibration of MEMS accelerometers", IEEE Transactions on
 Instrumentation and Measurement 58 (2009), with bias and scale only.
 """

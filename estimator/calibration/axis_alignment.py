@@ -41,7 +41,7 @@ _LEAD = 1.0
 
 
 def foreign_axes(movements: Sequence[tuple[Rest, Samples]], matrix: Floats) -> Sentence | None:
-    """Reason why the gyro's axes differ from the accelerometer's; None if they match or the data do not show it.
+    """Return why the gyro's axes differ from the accelerometer's; None if they match, or the data cannot tell.
 
     movements: the rest before each movement, and its samples. matrix (3, 3): from readings to rates in the gyro's axes.
     """

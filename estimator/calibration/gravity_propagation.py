@@ -74,7 +74,7 @@ class Transitions:
     turns: tuple[bool, ...]
 
     def only(self, chosen: Sequence[int]) -> "Transitions":
-        """Subset of the movements with the given numbers, and the rests they join, renumbered."""
+        """Return a subset: the movements with the given numbers, and the rests before and after them, renumbered."""
         kept = sorted({rest for j in chosen for rest in self.links[j]})
         number = {rest: i for i, rest in enumerate(kept)}
         return Transitions(

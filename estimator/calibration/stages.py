@@ -36,7 +36,7 @@ _PIECE_S = 0.25
 class Settled:
     """Event: stillness has become long enough for a rest. `before` is the rest before it, None when there was none.
 
-    pause_s: longest stillness between the two that was too short for a rest.
+    pause_s: longest stillness, s, between the two rests that was too short for a rest.
     """
 
     before: Rest | None

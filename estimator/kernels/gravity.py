@@ -86,7 +86,7 @@ def stirred(Q: Floats, tilting: Floats, seconds: float, doubt: float, noise: tup
 def carried(
     x: Floats, P: Floats, span: Floats, kept: float, strength: float, noise: tuple[float, float, float]
 ) -> tuple[Floats, Floats, Floats]:
-    """Propagate the state x (24,) of tracking/gravity.py over a span: new state (24,), F and Q (24, 24).
+    """Propagate the state x (24,) of tracking/gravity.py over a span; return the new state (24,), F and Q (24, 24).
 
     P (24, 24): covariance of x. span: rows of kernels/strapdown.py. kept: share of the accelerometer's bias that
     remains. strength: magnitude of gravity, m/s². noise: variances that the span adds to the rotation, to each velocity

@@ -99,9 +99,10 @@ def corrected(
 ) -> bool:
     """Write corrected rates (n, 3) of rows (n, 9), limited to ±limit; return whether any rate was beyond the limit.
 
-    beyond (n,), written: which samples were limited. The first counts[0] rows use parameters[0], the next counts[1]
-    rows parameters[1], and so on; parameters (m, 12) are matrix and bias. rate = matrix (reading - bias), summed from
-    the left as in gyro_model.py. The bits are the same for any number of rows at once.
+    rows: columns of samples/sample_buffer.py. beyond (n,), written: which samples were limited. The first counts[0]
+    rows use parameters[0], the next counts[1] rows parameters[1], and so on; parameters (m, 12) are matrix and bias.
+    rate = matrix (reading - bias), summed from the left as in gyro_model.py. The bits are the same for any number of
+    rows at once.
     """
     at, found = 0, False
     for m in range(len(counts)):

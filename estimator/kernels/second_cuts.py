@@ -9,7 +9,7 @@ WAITING = 64
 
 
 def nothing_gathered() -> tuple[Floats, Floats]:
-    """Initial state (9,) and empty storage (WAITING, 6) for waiting windows, as `cut` needs them."""
+    """Return the initial state (9,) and empty storage (WAITING, 6) for waiting windows, as `cut` needs them."""
     state = np.zeros(9)
     state[0] = -np.inf
     return state, np.empty((WAITING, 6))

@@ -156,7 +156,7 @@ def middle(values: Floats, lower: int) -> float:
 
 
 def learnt(known: int, state: Floats, recent: Floats) -> bool:
-    """Update the mean of the rest and the noise from the latest `known` windows; return whether the noise was updated.
+    """Update the mean of the rest and the noise from the latest `known` windows; return whether the noise changed.
 
     state (5, 4), changed in place, and recent (RECENT, 7): see `judged`.
     """
