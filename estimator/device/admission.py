@@ -101,16 +101,13 @@ class Admission:
         return True
 
     def hold(self, heard_s: float) -> None:
-        """Keep the present owner while no bridge can be heard.
-
-        Its silence counts from steady-clock time heard_s, s, on.
-        """
+        """Keep the present owner while no bridge can be heard: its silence counts from heard_s on, steady-clock s."""
         self._heard_s = heard_s
 
     def go_on(self, heard_ns: int) -> None:
-        """Note the host time, ns, at which the boot to continue was heard.
+        """Note the host time, ns since the Unix epoch, at which the boot to continue was last heard.
 
-        Samples received earlier are of an older boot.
+        Samples received earlier belong to an older boot.
         """
         self._booted_ns = heard_ns
 

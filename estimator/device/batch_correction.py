@@ -13,7 +13,7 @@ from estimator.samples.sample_buffer import HOST_NS, Samples
 
 
 class Cut(NamedTuple):
-    """Samples of a message from index `first` to before `end`, and the correction that applies to them."""
+    """Samples of a message from index `first` up to but not including `end`, and the correction to apply to them."""
 
     samples: Samples
     correction: Correction

@@ -41,7 +41,7 @@ class CalibrationProgress(CalibrationSession):
         return [Expired(old), *progress] if old else progress
 
     def said(self, progress: TurnFound | Expired | Ignored) -> Sentences:
-        """Text for people about an event of the calibration, and about the turns still needed."""
+        """Return sentences for people about an event of the calibration, and about the turns still needed."""
         missing = self.missing()
         match progress:
             case TurnFound(turn, dropped, missing):

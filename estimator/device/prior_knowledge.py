@@ -15,7 +15,7 @@ CACHE_S = 60.0
 
 @dataclass(frozen=True, slots=True)
 class PriorKnowledge:
-    """Stored calibration of a device, and the bias last tracked in this boot."""
+    """Stored calibration of a device, and the bias last stored in this boot."""
 
     calibration: Calibration | None
     bias: BiasState | None
@@ -26,7 +26,7 @@ class PriorKnowledge:
     asked: tuple[str, str] | None = None
 
     def under(self, calibration: Calibration) -> "PriorKnowledge":
-        """The same knowledge with another calibration; a bias that was doubted under the old one is dropped."""
+        """Return the same knowledge with another calibration; drop a bias that was doubted under the old one."""
         bias = None if self.doubted else self.bias
         return replace(self, calibration=calibration, bias=bias, doubted=False)
 

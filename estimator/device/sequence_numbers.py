@@ -83,7 +83,7 @@ class SequenceNumbers:
     def anew(self, came: int, out: int) -> "SequenceNumbers":
         """Counters for a new session after a failed one: the same counts and past boots, no current boot.
 
-        came, out: samples that came and samples that were published. The failed session has lost the rest.
+        came, out: numbers of samples that arrived and were published. The failed session has lost the difference.
         """
         fresh = SequenceNumbers()
         fresh.samples_in, fresh.samples_out = came, out

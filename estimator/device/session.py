@@ -48,13 +48,14 @@ OWN_REFUSED = "own calibration refused"
 
 
 class SessionState(StateStruct):
-    """Saved state of a device session, up to the sample numbered `next`, the first one not yet learnt from.
+    """Saved state of a device session, up to sample number `next`, the first that no estimate has used.
 
-    begun_s: device time of sample `next`, None when unknown. length_s: length of its block. latest_s: device time of the
-    sample before it. clock: see `Blocks`.
+    begun_s: device time of sample `next`, None when unknown. length_s: length of its block. latest_s: device time of
+    the sample before it. clock: see `Blocks`.
     applied: correction of the block of `next`; ready: of the block after it, unless more is learnt.
     life: lifecycle state, the state before the device went away, and the reasons of both.
-    attitude: state of the orientation, of the samples corrected so far, and what its heading counts from; None without one.
+    attitude: state of the orientation, of the samples corrected so far, and what its heading counts from; None without
+    one.
     """
 
     version: int
@@ -93,8 +94,8 @@ class DeviceSession(CorrectedStream):
         """Begin a boot: drop the calibration of the previous one, then restore what is remembered of this one.
 
         boot: its id. device_time: s, begin of the boot. remembered: stored calibration and bias, or None. law:
-        temperature law learnt in earlier boots. temperature_c: the device's temperature now, °C. Returns what this led
-        to, also of the previous boot.
+        temperature law from earlier boots, or None. temperature_c: the device's temperature now, °C. Returns the
+        outcome, which includes the end of the previous boot.
         """
         outcome = self.learn()  # the last block of the previous boot
         first, again = self.boot is None, boot == self.boot and self.sequence.next is None
@@ -128,7 +129,7 @@ class DeviceSession(CorrectedStream):
         outcome.said.append(english(lost))
 
     def start_over(self, why: Sentences) -> Outcome:
-        """Void the calibration and bias because the device has changed; its sample stream continues.
+        """Discard the calibration and bias because the device has changed; its sample stream continues.
 
         why: reason text, part of the status until the next calibration.
         """
@@ -155,7 +156,7 @@ class DeviceSession(CorrectedStream):
             self._apply()
 
     def moves(self, moves: float) -> None:
-        """Set how far the scale factors change from boot to boot (relative std), as learnt from earlier boots."""
+        """Set how far the scale factors change from boot to boot (relative std), computed from earlier boots."""
         if self.learnt.moves(moves):
             self._apply()
 
@@ -334,8 +335,9 @@ class DeviceSession(CorrectedStream):
         """Status message of the device for the bus: state, reason, quality, estimates, counters and new receipts.
 
         time_ns: time of the status. silent_s: seconds since the last sample. more: events counted outside the session.
-        bridge, refused_bridges: the bridge listened to, and others that send the device. epoch: when this estimator
-        took the device over; higher is later. A receipt is told once.
+        bridge, refused_bridges: the bridge listened to, and others that send the device. epoch: number of this
+        estimator's ownership; higher is later. Each receipt appears in one status only. time_ns: ns since the Unix
+        epoch.
         """
         known, learnt = self._ready, self.learnt
         seldom = self._too_seldom() if self.life.state is State.AWAITING_STILL else ()

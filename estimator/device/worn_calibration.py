@@ -1,4 +1,4 @@
-"""Calibration that gravity taught the tracker while the device was worn: its matrix, bias and covariance. Pure."""
+"""Calibration estimated from gravity while the device was worn: its matrix, bias and covariance. Pure."""
 
 from dataclasses import replace
 
@@ -19,7 +19,9 @@ _SCALE = slice(3, 6)
 
 
 def learnt(tracker: Tracker, noise_std: Floats, turns: tuple[Turn, ...] = ()) -> Result:
-    """Calibration result from the tracker's bias and the matrix that gravity has taught it; `taught` must not be None.
+    """Return the tracker's bias, and its matrix estimated from gravity, as a calibration result.
+
+    `tracker.taught` must not be None.
 
     noise_std (3,) rad/s: of a reading. turns: of a calibration by hand that it continues.
     """
