@@ -162,7 +162,7 @@ class BiasFilter:
     def expect(self, law: TemperatureLaw, *, learnt: bool = False) -> None:
         """Use a temperature law from now on; its slope and variance replace the tracked ones.
 
-        learnt: the tracked slope was learnt under this law; it is kept.
+        learnt: the tracked slope was estimated under this law; the slope is kept.
         """
         self.law, self._unsure = (
             law,
@@ -186,7 +186,7 @@ class BiasFilter:
 
     @property
     def against_law(self) -> float:
-        """Distance of the slope from the law in standard deviations of what the evidence told; largest of three axes.
+        """Distance of the slope from the law, in standard deviations of the evidence; largest of three axes.
 
         0 without a law or without a temperature.
         """
@@ -282,7 +282,7 @@ class BiasFilter:
         """Update with evidence of the bias at an earlier device time, s, and temperature, °C, if it passes its gate.
 
         The random walk w since then is in the error of the state and, reversed, in the evidence: M is their covariance.
-        Neglected: what updates since then have already told of w. Returns the receipt.
+        Neglected: the information on w in the updates since then. Returns the receipt.
         """
         m, n, walk = len(evidence.z), len(self._x), self.walked(self.time - time)
         H, M, then = np.zeros((m, n)), np.zeros((n, m)), self._P.copy()

@@ -105,7 +105,7 @@ class Gravity:
     def carry(
         self, span: Span, bias: BiasFilter, gyro_noise: float, unseen_turn: float = 0.0, unseen_push: float = 0.0
     ) -> Step:
-        """Prediction step for `BiasFilter.predict` over a span: moves gravity and velocity, and adds their noise.
+        """Return the prediction step over a span for `BiasFilter.predict`: gravity and velocity move, and gain noise.
 
         The span must have been integrated with the filter's own bias and matrix. If gravity is not known, it begins
         here.
@@ -135,8 +135,8 @@ class Gravity:
     def heard(self, receipt: Receipt, span: Span, *, resting: bool) -> None:
         """Pass the receipt of this evidence for a span to the steady motion detector.
 
-        An unlikely receipt (of mirrored axes, say) or one of a resting device tells of no walk; it breaks the
-        detector's chain.
+        An unlikely receipt (of mirrored axes, say) or one of a resting device is no sign of walking, and restarts the
+        detector.
         """
         if resting or receipt.test_ratio > 1:
             self.state.lasting.before = None

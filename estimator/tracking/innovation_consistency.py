@@ -24,7 +24,7 @@ _FREEDOMS = range(1, 4)
 
 
 class InnovationConsistency(StateStruct, dict=True):
-    """Consistency check: receipts in; factor by which standard deviations are to be enlarged out.
+    """Consistency check: takes receipts, gives the factor by which standard deviations are to be enlarged.
 
     Latest receipts, at most WINDOW: NIS, degrees of freedom, and mean normalised innovation (`signs`) of each. Raises
     ValueError when the lists do not match.

@@ -17,7 +17,7 @@ SETTLED_S = 5.0
 
 
 class TiltCheck(StateStruct):
-    """Tilt check: quiet seconds in; whether the device tilts out. Begins anew when the device moves.
+    """Tilt check: takes quiet seconds, and tells whether the device tilts. Restarts when the device moves.
 
     seen: whether gravity turns. means: recent times, s, mean readings of gravity, and their variance along an axis.
     """

@@ -34,16 +34,19 @@ INSISTED, JUMPED = "insisted", "jumped"
 
 
 class Zaru(StateStruct):
-    """ZARU evidence: seconds of rest in, receipts out; updates one BiasFilter. Raises ValueError for a damaged state.
+    """ZARU evidence: takes seconds of rest, updates one BiasFilter, gives receipts.
+
+    Raises ValueError for a damaged state.
 
     ever_proven: whether any second belonged to a proven rest, or the bias was known at the start.
-    means (k, 2, 3): mean and its variance of the latest quiet seconds. quiet: quiet seconds in a row; quiet_until: end of the
-    last, s. rests: seconds of rest in a row. gap_s: how long the device moved before this rest. proven: whether the latest
-    second belongs to a proven rest. rested: whether a rest was proven since a restart. blind: whether samples were missing,
-    and no rest was seen since. surprised: kinds of evidence already checked against the gap. in_question: variance,
-    (rad/s)², of a bias believed only for its insistence. waiting: measurements to be judged with the following ones.
-    contradiction: its begin, s, and z and R measured then. receipts_before, receipts_late: receipts not yet fetched, see
-    `surprises` and `judged`.
+    means (k, 2, 3): mean and its variance of the latest quiet seconds. quiet: quiet seconds in a row; quiet_until: end
+    of the last, s. rests: seconds of rest in a row. gap_s: how long the device moved before this rest. proven: whether
+    the latest second belongs to a proven rest. rested: whether a rest was proven since a restart. blind: whether
+    samples were missing, and no rest was seen since. surprised: kinds of evidence already checked against the gap.
+    in_question: variance, (rad/s)², of a bias believed only for its insistence. waiting: measurements to be judged with
+    the following ones.
+    contradiction: its begin, s, and z and R measured then. receipts_before, receipts_late: receipts not yet fetched,
+    see `surprises` and `judged`.
     """
 
     tilt: TiltCheck = msgspec.field(default_factory=TiltCheck)
@@ -131,7 +134,7 @@ class Zaru(StateStruct):
         return receipts
 
     def at_rest(self, second: Second) -> bool:
-        """Note a quiet second; returns whether it belongs to a rest, rather than breathing or swaying."""
+        """Note a quiet second; returns whether it belongs to a rest, rather than to breathing or swaying."""
         self.quiet += 1
         latest = np.array([[second.mean, second.mean_var]])
         self.means = np.concatenate([self.means[1 - _RECENT :], latest])
