@@ -99,11 +99,11 @@ class WardView:
         return known or len(self._infos.keys() - self._statuses.keys()) < most
 
     def silences(self, now: float) -> dict[str, float]:
-        """Return the seconds since the last status of each device, by device id."""
+        """Return the seconds since the last status of each device, by device id. now: monotonic s."""
         return {device: now - heard for device, (_, heard) in self._statuses.items()}
 
     def ended(self, now: float) -> list[str]:
-        """Return the ids of devices whose data has ended, and that no estimator reports any more."""
+        """Return the ids of devices whose data has ended, and that no estimator reports any more. now: monotonic s."""
         return [
             device
             for device, (status, heard) in self._statuses.items()
@@ -122,7 +122,10 @@ class WardView:
         return sorted((self.row(name, now) for name in names), key=lambda row: row.order)
 
     def settled(self, now: float) -> bool:
-        """Return whether each device is known to be live (a second status came) or silent (none for SILENT_S)."""
+        """Return whether each device is known to be live (a second status came) or silent (none for SILENT_S).
+
+        now: monotonic s.
+        """
         return all(name in self._anew or _silence(now - heard) for name, (_, heard) in self._statuses.items())
 
     def statuses(self, now: float) -> dict[str, Status]:

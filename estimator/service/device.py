@@ -107,7 +107,7 @@ class Device:
 
     @property
     def worthless(self) -> bool:
-        """True if the device can be forgotten without loss: no calibration is known, of this boot or an earlier one."""
+        """True if the device can be forgotten without loss: no calibration of this boot or an earlier one is known."""
         return self.session.calibration is None and self.session.prior is None
 
     def say(self, what: str, payload: bytes) -> None:

@@ -71,10 +71,10 @@ class EarlierBoots:
         return () if latest is None else changed(latest, info, within_boot=latest.boot == info.boot)
 
     def law(self, session: DeviceSession, info: DeviceInfo, then: Callable[[TemperatureLaw | None], None]) -> None:
-        """Learn the temperature law (bias against temperature) from earlier boots of the same hardware.
+        """Fit the temperature law (bias against temperature) to earlier boots of the same hardware.
 
-        Calls then(law), None if there is none. Learning runs on the store's thread, since it takes as long as correcting many
-        samples; `then` runs on the service's thread.
+        Calls then(law), None if there is none. The fit runs on the store's thread, since it takes as long as correcting
+        many samples; `then` runs on the service's thread.
         """
         knobs = session.knobs.track.bias
         self._clerk.look_up(lambda: learn(self._store.points(info), knobs), then)

@@ -100,7 +100,7 @@ class Entrance:
         return [one for one in messages if not all(ids := _ids(one.key)) or self._gate.admits(*ids, now)]
 
     def sort(self, messages: Sequence[Message], now: float) -> tuple[list[Message], dict[str, list[Message]]]:
-        """Split messages: those of our devices, and by device those of admitted devices that we do not hold.
+        """Split messages into those of our devices, and, by device, those of admitted devices that we do not hold.
 
         now: monotonic s. Beside other estimators, messages of both kinds are kept for a takeover. Messages of refused
         devices are counted.

@@ -94,7 +94,10 @@ class Membership:
         return len(self.members) == 1
 
     def ready(self, now: float) -> bool:
-        """Return whether devices may be taken now: the hold-off after a start, an outage or a pause is over."""
+        """Return whether devices may be taken now: the hold-off after a start, an outage or a pause is over.
+
+        now: monotonic s.
+        """
         return now >= self._ready_s
 
     def hold_off(self, now: float) -> None:
@@ -105,12 +108,12 @@ class Membership:
         self._ready_s = now + HOLD_OFF_S
 
     def excuse(self, seconds: float) -> None:
-        """Postpone, by the seconds in which we could not listen, when silent estimators count as dead."""
+        """Postpone, by the seconds in which no message could arrive, the time at which silent estimators count as dead."""
         for peer in self._peers.values():
             peer.heard_s += seconds
 
     def token(self, name: str, now: float, *, alive: bool) -> None:
-        """Note that an estimator's liveliness token on the bus appeared (alive) or vanished."""
+        """Note that an estimator's liveliness token on the bus appeared (alive) or vanished. now: monotonic s."""
         peer = self._peers.get(name)
         if peer is not None:
             peer.token = alive
@@ -142,7 +145,10 @@ class Membership:
         return [h.device for h in others if (h.epoch, owned.estimator) > (self.held[h.device], self.own)]
 
     def look(self, now: float) -> tuple[list[str], list[str]]:
-        """Update `members`; returns the ids that appeared and those that disappeared since the last call, sorted."""
+        """Update `members`; return the ids that appeared and those that disappeared since the last call, sorted.
+
+        now: monotonic s.
+        """
         living = {name for name, peer in self._peers.items() if peer.token and now - peer.heard_s < LEASE_S}
         before, there = set(self.members), {self.own, *living}
         if not self.ready(now):
@@ -161,6 +167,8 @@ class Membership:
 
     def wants(self, device: str, now: float) -> bool:
         """Return whether to take a device now: it belongs to us, we do not hold it, and no hold-off is running.
+
+        now: monotonic s.
 
         False while another estimator is in a calibration of the device that would lose its turns, and for a while after
         we lost the device to a live estimator.
@@ -185,9 +193,9 @@ class Membership:
         return self._epoch
 
     def lose(self, device: str, taker: str, now: float) -> None:
-        """Give up a device to the estimator `taker`.
+        """Give up a device to the estimator `taker`. now: monotonic s.
 
-        The device is not taken back for HOLD_OFF_S, so that it does not go to and fro.
+        The device is not taken back for HOLD_OFF_S, so that it does not move to and fro.
         """
         self.held.pop(device, None)
         self._epoch = 0  # the next take uses a new epoch, also where both epochs were equal

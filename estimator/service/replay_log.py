@@ -37,7 +37,7 @@ class ReplayLog:
         self._size = 0
 
     def add(self, device: str, message: Message, now: float) -> None:
-        """Keep a message received at `now`, unless its device has used up DEVICE_BYTES already."""
+        """Keep a message received at `now`, monotonic s, unless its device has used up DEVICE_BYTES."""
         size = len(message.payload)
         if self._sizes[device] + size > DEVICE_BYTES:
             return
@@ -48,7 +48,7 @@ class ReplayLog:
         self.tidy(now)
 
     def tidy(self, now: float) -> None:
-        """Drop messages older than REPLAY_S at `now`, or beyond REPLAY_BYTES in all, oldest first."""
+        """Drop messages older than REPLAY_S at `now`, monotonic s, or beyond REPLAY_BYTES in all, oldest first."""
         order = self._order
         while order and (order[0][0] < now - REPLAY_S or self._size > REPLAY_BYTES):
             _, device = order.popleft()
@@ -85,7 +85,7 @@ class Resumed:
         self._reached, self._until = dict(reached), now + LASTS_S
 
     def lasts(self, now: float) -> bool:
-        """Return whether replayed samples may still arrive at `now`: for LASTS_S after the start."""
+        """Return whether replayed samples may still arrive at `now`, monotonic s: for LASTS_S after the start."""
         if self._reached and now >= self._until:
             self._reached = {}
         return bool(self._reached)

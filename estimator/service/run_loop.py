@@ -200,7 +200,7 @@ class Service:
         return len(messages) + len(self._quotas)
 
     def work(self, until: float = math.inf) -> None:
-        """Learn from finished blocks and do the devices' once-a-second work until a monotonic time; the rest waits."""
+        """Update estimates from finished blocks and do once-a-second work until a monotonic time, s; the rest waits."""
         for waiting, do in ((self._outcomes.to_learn, self._outcomes.learn), (self._to_look, self._look_after)):
             while waiting:
                 if (device := self._devices.get(name := next(iter(waiting)))) is not None:

@@ -102,7 +102,8 @@ def run(ward: Ward, file: WardFile[Ward] | None = None) -> None:
 def copied(ward: Ward) -> Mirror | None:
     """Start to copy the estimator's backups to the bucket of [s3].
 
-    Returns the running copier; None where the ward does not ask for copies. Raises ConfigError.
+    Returns the running copier; None where the ward does not ask for copies. Raises ConfigError for a missing package or
+    access key.
     """
     if ward.s3 is None or not ward.s3.backups or ward.estimator is None:
         return None
@@ -111,7 +112,7 @@ def copied(ward: Ward) -> Mirror | None:
 
 
 def _load() -> Future[None]:
-    """Load the compiled kernels on a thread, then the modules for learning; returns the kernels' future."""
+    """Load the compiled kernels on a thread, then the modules for bias tracking; returns the kernels' future."""
     gc.set_threshold(_CYCLES)
     loader = ThreadPoolExecutor(1, "load")
     kernels = loader.submit(ready)

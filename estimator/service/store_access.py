@@ -138,6 +138,8 @@ class StoreAccess:
     def calibration(self, device: Device, c: Calibration, now: float) -> None:
         """Store a new calibration with the bias, and publish it once on disk, or after HELD_S if the disk fails.
 
+        now: monotonic s.
+
         A calibration that subscribers could not decode is neither stored nor published. A rejected one goes to the
         audit.
         """

@@ -62,10 +62,7 @@ class Kept(msgspec.Struct):
 
 
 def calibrations_in(rows: Iterable[Row]) -> list[Calibration]:
-    """Decode the calibrations of rows of the table `calibrations`.
-
-    One that this version cannot decode is left out and logged.
-    """
+    """Decode the calibrations of rows of the table `calibrations`; log and leave out any that cannot be decoded."""
     found = []
     for row in rows:
         try:
