@@ -249,7 +249,7 @@ class Known:
     def alerts(self, now: float) -> list[tuple[str, Placement | None, Alert]]:
         """Return (subject, placement or None, alert) for each standing alert of a device or an estimator.
 
-        Those not acknowledged come first, then the oldest.
+        Those not acknowledged come first, then the oldest. now: monotonic s.
         """
         statuses = [story.status for story in self.stories.values() if story.status is not None]
         found = [(one.device, one.placement, alert) for one in statuses for alert in one.alerts]
@@ -290,7 +290,10 @@ class Known:
         return rows if self.connected else sorted(map(self._unheard, rows), key=lambda row: row.order)
 
     def row(self, device: str, now: float) -> DeviceRow:
-        """Return the summary row of a known device; its state is unknown while no router is connected."""
+        """Return the summary row of a known device; its state is unknown while no router is connected.
+
+        now: monotonic s.
+        """
         row = self._view.row(device, now)
         return row if self.connected else self._unheard(row)
 
@@ -309,7 +312,10 @@ class Known:
         return not self.connected or none or (info is not None and bridges.get(info.bridge) is False)
 
     def broken(self, device: str, now: float) -> bool:
-        """Return whether the ward cannot hear the device (`deaf`), or no estimator reports the device any more."""
+        """Return whether the ward cannot hear the device (`deaf`), or no estimator reports the device any more.
+
+        now: monotonic s.
+        """
         return self.deaf(device) or self.row(device, now).state == SILENT
 
     def troubles(self) -> Sentences:

@@ -47,7 +47,7 @@ class MissedSamples(Struct, frozen=True, tag="missed", tag_field="type"):
 
 
 class Answer(Struct, frozen=True):
-    """Answer to a request: documents in order, possibly none, and where to go on.
+    """Answer to a request: documents in order, possibly none, and the place to resume from.
 
     `after` is for the next request: give each of its texts as a parameter `after`.
     """
