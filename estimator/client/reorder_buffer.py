@@ -33,7 +33,7 @@ MISTAKEN_NS = 30_000_000_000
 class Miss:
     """Report of a hole: samples `first` to `first + count - 1` of a device's boot did not arrive.
 
-    first: sequence number. count: number of samples. told: the sample after the hole is itself flagged AFTER_GAP.
+    first: sequence number. count: number of samples. told: the sample after the hole carries the flag AFTER_GAP.
     """
 
     device: str

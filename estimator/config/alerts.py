@@ -59,7 +59,7 @@ class Alerts(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
         return self.hold_s.get(kind, HOLD_S[Kind(kind)])
 
     def quiet(self, local: datetime) -> bool:
-        """Return whether a time in this machine's zone is within the quiet hours, which may span midnight."""
+        """Return whether a local wall-clock time is within the quiet hours, which may span midnight."""
         if (match := _HOURS.match(self.quiet_hours)) is None:
             return False
         numbers = [int(one) for one in match.groups()]

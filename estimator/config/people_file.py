@@ -27,7 +27,7 @@ def file_of(path: Path, ward: Ward) -> Path:
 
 
 def people_in(path: Path) -> tuple[Person, ...]:
-    """Return the people that a file lists; a file that is not there lists nobody. Raises ConfigError."""
+    """Return the people that a file lists; () for a missing file. Raises ConfigError for an invalid file."""
     return load(path, Ward).dashboard.people if path.exists() else ()
 
 

@@ -97,7 +97,7 @@ class Guide:
         self._tried: int | None = None
 
     def take_samples(self, batch: SampleBatch) -> None:
-        """Process the device's next batch of raw readings: rests, turns, and how the device lies."""
+        """Process the device's next batch of raw readings, to follow rests, turns and how the device lies."""
         was_settled = self.hand.settled
         self.hand.take(batch)
         if was_settled and not self.hand.settled:
@@ -278,7 +278,7 @@ class Guide:
 def wrong_in(reason: Sentences) -> Sentences:
     """Return the faults among a status's reasons, without the usual messages.
 
-    After the turns still needed comes why an earlier verdict refused: a turn that was taken since is no fault.
+    The sentences after the list of turns still needed repeat an earlier verdict; a turn accepted since is no fault.
     """
     codes = [one.code for one in reason]
     if Code.TURN_TAKEN in codes and Code.TURNS_NEEDED in codes:

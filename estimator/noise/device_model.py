@@ -114,7 +114,7 @@ class _File(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 def load_model(name: str | Path) -> NoiseModel:
     """Load the noise model of a device kind: by name if it comes with truerate, else by the path of its .toml file.
 
-    Raises ConfigError.
+    Raises ConfigError for an unknown name and an invalid file.
     """
     file = load(file_of(name, "device model", _FOLDERS), _File)
     gyro, accel = file.gyro, file.accel

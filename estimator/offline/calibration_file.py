@@ -187,7 +187,8 @@ def accelerometer_as_json(one: AccelerometerCalibration) -> dict[str, Any]:
 def load(path: Path | str) -> Calibration:
     """Read an accepted calibration from a file and check that its values are plausible.
 
-    The file has no time, so `time_ns` is 0. Device and boot may be absent. Raises CalibrationFileError.
+    The file has no time, so `time_ns` is 0. Device and boot may be absent. Raises CalibrationFileError for an
+    unreadable file, a rejected calibration, and a value that cannot be right.
     """
     path = Path(path)
     file = _read(path)

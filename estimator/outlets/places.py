@@ -23,7 +23,10 @@ class Places:
         self._warned = False
 
     def take(self, device: str, now_s: float) -> bool:
-        """Return whether a device, heard at monotonic time now_s, may be shown; gives it a place if there is room."""
+        """Return whether a device may be shown; give it a place if there is room.
+
+        now_s: monotonic s at which it was heard.
+        """
         if self._heard_s.pop(device, None) is None and len(self._heard_s) >= self._most:
             first, heard_s = next(iter(self._heard_s.items()))
             if now_s - heard_s <= SILENT_S:

@@ -83,7 +83,10 @@ class Study(Generic[S, R]):
         return STUDIES[self.name]
 
     def read(self, config: str = "") -> S:
-        """Read the study's scenario from its own file, or from `config`, a name or a path. Raises ConfigError."""
+        """Read the study's scenario from its own file, or from `config`, a name or a path.
+
+        Raises ConfigError if invalid.
+        """
         return load(file_of(config or self.name, "study", FOLDERS), self.scenario)
 
 

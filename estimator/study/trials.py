@@ -45,7 +45,7 @@ Inputs = WithSensors[SensorsScenario]
 
 
 def inputs(scenario: SensorsScenario) -> Inputs:
-    """Read the files of a scenario's sensors. Raises ConfigError."""
+    """Read the files of a scenario's sensors. Raises ConfigError for an unknown or invalid one."""
     return WithSensors(scenario, {name: load_device(name) for name in scenario.sensors})
 
 

@@ -1,4 +1,4 @@
-"""Follows the live messages of a ward, told apart from old ones that the bus kept."""
+"""Follows the live messages of a ward, apart from old ones that the bus kept."""
 
 import time
 
@@ -29,7 +29,7 @@ class LiveMessages:
         self._statuses, self._infos = client.follow(), client.follow_infos()
 
     def listen(self, for_s: float) -> None:
-        """Wait for_s seconds, then take the messages that came into the view."""
+        """Wait for_s seconds, then add the messages that arrived to the view."""
         time.sleep(for_s)
         for info in self._infos.drain():
             self.view.take_info(info)

@@ -40,7 +40,7 @@ class Address(NamedTuple):
 
 
 def address_of(text: str, example: str) -> Address:
-    """Parse a broker's URL, such as mqtts://USER@HOST:PORT?ca=FILE. Raises ConfigError.
+    """Parse a broker's URL, such as mqtts://USER@HOST:PORT?ca=FILE. Raises ConfigError if it is invalid.
 
     example: a URL that errors show.
     """
