@@ -40,7 +40,7 @@ class PriorKnowledge:
         return wider(replace(self.bias, time=now), doubt_std) if self.lost_count(now) else self.bias
 
     def lost_count(self, now: float) -> bool:
-        """Return whether the device clock lost count, so that the stored bias' age at device time `now`, s, is unknown."""
+        """Return whether the device clock missed time, so that the age of the stored bias at `now`, s, is unknown."""
         if self.bias is None:
             return False
         passed = now - self.bias.time

@@ -334,10 +334,10 @@ class DeviceSession(CorrectedStream):
     ) -> Status:
         """Status message of the device for the bus: state, reason, quality, estimates, counters and new receipts.
 
-        time_ns: time of the status. silent_s: seconds since the last sample. more: events counted outside the session.
+        time_ns: time of the status, ns since the Unix epoch. silent_s: seconds since the last sample. more: events
+        counted outside the session.
         bridge, refused_bridges: the bridge listened to, and others that send the device. epoch: number of this
-        estimator's ownership; higher is later. Each receipt appears in one status only. time_ns: ns since the Unix
-        epoch.
+        estimator's ownership; higher is later. Each receipt appears in one status only.
         """
         known, learnt = self._ready, self.learnt
         seldom = self._too_seldom() if self.life.state is State.AWAITING_STILL else ()

@@ -183,12 +183,12 @@ def judged(rows: Floats, state: Floats, recent: Floats, knobs: tuple[float, ...]
     """Cut samples, rows (n, 9) of samples/sample_buffer.py, into windows and judge each: result (m, 22).
 
     Spikes are mended in the rows. Each result row: begin and end time, s, index after its last sample, number of
-    spikes; flags: still, has an accelerometer, contributed to the noise estimate; mean (6), std (6); noise (3).
-    state (5, 4), each row a number and three axes: time and reading of the last sample; number of windows in this rest,
-    and its mean after four of them; begin and mean of a stretch that is quiet at another rate; sample rate at which the
-    noise was learnt, and the noise; unused, and the mean of the last rest.
-    recent (RECENT, 7): mean, rate and std of the latest windows of this rest. knobs: limits of stillness/detector.py, as
-    ordered in the detector.
+    spikes; flags: still, has an accelerometer, contributed to the noise estimate; mean (6) and std (6) of gyro, rad/s,
+    and accel, m/s²; noise (3), rad/s. state (5, 4), each row a number and three axes: time and reading of the last
+    sample; number of windows in this rest, and its mean after four of them; begin and mean of a stretch that is quiet
+    at another rate; sample rate at which the noise was learnt, and the noise; unused, and the mean of the last rest.
+    recent (RECENT, 7): mean, rate and std of the latest windows of this rest. knobs: limits of stillness/detector.py,
+    as ordered in the detector.
     """
     window_s, least, _, _, _, _, _, _, gap_s, far, unusual, alone = knobs
     last, rest, odd, noise = state[0], state[1], state[2], state[3]

@@ -86,7 +86,7 @@ def as_words(corrected: CorrectedRecording, recording: Recording, out: Path) -> 
 
 
 def said(corrected: CorrectedRecording) -> Iterator[str]:
-    """Yield up to 12 of the messages that the live service would have logged while correcting."""
+    """Yield the first 12 messages that the live service would have logged while correcting; then count the others."""
     yield from first(corrected.said)
 
 
