@@ -150,7 +150,7 @@ class Declared:
                 for one in self._declared:
                     one.undeclare()
             except zenoh.ZError:
-                _log.debug("already gone with its session")
+                _log.debug("the declaration ended with its session")
 
 
 @contextlib.contextmanager

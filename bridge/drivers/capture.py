@@ -29,7 +29,7 @@ def load_capture(path: Path, driver: str, profile: str, reading: Reading) -> Rec
     """
     check_file(path)
     if path.stat().st_size > MAX_BYTES:
-        raise RecordingError(f"{path}: {path.stat().st_size} bytes; at most {MAX_BYTES} are allowed")
+        raise RecordingError(f"{path}: the file has {path.stat().st_size} bytes; at most {MAX_BYTES} are allowed")
     make = _decoder(path, driver, profile, reading)
     data = path.read_bytes()
     events, faults = _decoded(make(), data)

@@ -132,7 +132,7 @@ def _recorded(path: Path) -> Recorded:
     except OSError as error:
         raise RecordingError(f"{path}: {os_errors.why(error)}") from None
     if state.st_size > MAX_BYTES:
-        raise RecordingError(f"{path}: {state.st_size} bytes; at most {MAX_BYTES} are allowed")
+        raise RecordingError(f"{path}: the file has {state.st_size} bytes; at most {MAX_BYTES} are allowed")
     with _reading:
         return _read(path, state.st_mtime_ns)
 

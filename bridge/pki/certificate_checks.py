@@ -80,7 +80,7 @@ def signer(path: str) -> bytes:
     found = certificates(path)
     if len(found) < 2:
         raise ValueError(
-            f"{path} holds one certificate, and its issuer's should follow: restore the file, or run `truerate pki renew`"
+            f"{path} holds only one certificate; its issuer's must follow: restore the file, or run `truerate pki renew`"
         )
     return found[1].public_bytes(Encoding.PEM)
 

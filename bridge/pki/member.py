@@ -76,6 +76,6 @@ class Member:
         made = cls(Role(role), name, int(generation) if generation.isascii() and generation.isdecimal() else 1)
         if made.common_name != text:
             raise ValueError(
-                f"{text!r} should end in the certificate's generation, a number from 2 such as ':2', or in nothing for the first"
+                f"{text!r} has no valid generation: end it in ':2' or a higher number; the first certificate has no number"
             )
         return made

@@ -277,14 +277,14 @@ class WardRecorder:
             if left is not None and not removed:
                 account.files.append(left)
                 words = f" Earlier data is {recorded_in(left)}"
-        _log.error("%s. Recording has stopped, and goes on as soon as possible.%s", account.trouble, words)
+        _log.error("%s. Recording has stopped, and resumes as soon as possible.%s", account.trouble, words)
 
     def _try_again(self, wall_ns: int, now_s: float) -> None:
         try:
             self.begin(wall_ns, now_s)
         except OSError as error:
             self._retry_s = now_s + RETRY_S
-            _log.debug("still: %s", self.said(error))
+            _log.debug("recording is still stopped: %s", self.said(error))
             return
         self.account.trouble = ""
         if self._file is not None:

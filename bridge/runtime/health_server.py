@@ -128,7 +128,7 @@ class _Server(ThreadingHTTPServer):
         super().shutdown_request(request)
 
     def handle_error(self, request: Any, client_address: Any) -> None:  # noqa: ARG002 - as the base has it
-        _log.debug("health: a request of %s failed", client_address, exc_info=True)
+        _log.debug("health: a request from %s failed", client_address, exc_info=True)
 
 
 class _Guests:

@@ -31,7 +31,7 @@ def read(kind: type[M], payload: bytes) -> M:
     Raises Refusal if the payload is too large, no such message, or of an unknown version.
     """
     if len(payload) > MAX_PAYLOAD:
-        raise Refusal(Reason.TOO_LARGE, f"{len(payload)} bytes; at most {MAX_PAYLOAD} are allowed")
+        raise Refusal(Reason.TOO_LARGE, f"the payload has {len(payload)} bytes; at most {MAX_PAYLOAD} are allowed")
     message = kind()
     try:
         message.ParseFromString(payload)
@@ -39,7 +39,7 @@ def read(kind: type[M], payload: bytes) -> M:
         raise Refusal(Reason.MALFORMED, f"not a {kind.__name__}: {error}") from None
     version = message.version  # type: ignore[attr-defined] # every message has this field
     if version != VERSION:
-        raise Refusal(Reason.VERSION, f"a {kind.__name__} of version {version}; this program speaks {VERSION}")
+        raise Refusal(Reason.VERSION, f"a {kind.__name__} of version {version}; this program reads version {VERSION}")
     return message
 
 

@@ -64,7 +64,7 @@ def misfit(rest: Rest, samples: Samples, matrix: Floats) -> Floats:
     reading at rest. Each mapping gets the offset under which it fits best.
     """
     if rest.accel is None or samples.accel is None:
-        raise ValueError("gravity is measured by an accelerometer only")
+        raise ValueError("without an accelerometer gravity cannot be measured")
     dt = rotation.intervals(samples.time)
     block = max(1, round(_STEP_S / float(np.median(dt))))
     n = len(samples) // block

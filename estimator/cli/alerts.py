@@ -39,7 +39,7 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     verb.add_argument(
         "id", nargs="?", metavar="ID", help="alert as in the list, such as chest/lost, or only the device"
     )
-    verb.add_argument("--json", action="store_true", help="list as one JSON object")
+    verb.add_argument("--json", action="store_true", help="print the list as one JSON object")
     add_ward(verb)
 
 

@@ -89,7 +89,7 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     verb.add_argument(
         "--learn-matrix",
         action="store_true",
-        help="correct by the scale and misalignment that gravity teaches while the device moves, once they are surer than known",
+        help="estimate scale and misalignment from gravity while the device moves; use them once surer than the calibration",
     )
     verb.add_argument(
         "--picture", type=Path, metavar="FILE", help="draw rates, bias, quality and temperature (.png, .svg, .pdf)"

@@ -287,7 +287,7 @@ class Database:
         self.failures += 1
         if isinstance(error, (Damaged, Unavailable)):
             if not self.trouble:
-                log.error("%s; the estimator goes on from memory and tries again", error)
+                log.error("%s; the estimator continues from memory and tries again", error)
             self.trouble = str(error)
         self._damaged |= isinstance(error, Damaged)
 

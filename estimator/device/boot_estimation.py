@@ -114,9 +114,7 @@ class BootEstimation(BootCalibration):
         names another calibration.
         """
         if saved.calibration != ("" if calibration is None else calibration.id):
-            raise ValueError(
-                f"the state goes with calibration {saved.calibration or 'none'}, which is not the one given"
-            )
+            raise ValueError(f"the state belongs to calibration {saved.calibration or 'none'}, which was not given")
         own = calibration is not None and calibration.boot == boot
         self._moves = saved.moves
         self._use(calibration if own else None, None if own else calibration)

@@ -74,8 +74,8 @@ def _check(table: Struct, more_than_zero: tuple[str, ...] = ()) -> None:
         value = getattr(table, key)
         for number in () if value is None else np.ravel(value):
             if not 0 <= number <= _MOST or (key in more_than_zero and number == 0):
-                least = "more than 0" if key in more_than_zero else "0 or more"
-                raise ValueError(f"{key} is {number:g}; {least} is taken, {_MOST:g} at most")
+                least = "above 0" if key in more_than_zero else "from 0"
+                raise ValueError(f"{key} is {number:g}: use a number {least}, up to {_MOST:g}")
 
 
 class _Gyro(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):

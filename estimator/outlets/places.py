@@ -40,4 +40,6 @@ class Places:
     def _warn(self, device: str) -> None:
         if not self._warned:
             self._warned = True
-            log.warning("%s is left out, as later devices will be: %d devices are shown already", device, self._most)
+            log.warning(
+                "%s and later devices are left out: %d devices, the most allowed, are shown already", device, self._most
+            )

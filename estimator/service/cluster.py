@@ -155,7 +155,7 @@ class Cluster:
         if hash(message.payload) in self._mine or self._counts.add(DOUBLE) > 1:
             return
         log.error(
-            "another estimator says to be %s, too, and both correct its devices: stop one, or give it another id and a store"
+            "another estimator has the id %s too, and both correct its devices: stop one, or give it another id and a store"
             " of its own (more is only counted)",
             self.membership.own,
         )

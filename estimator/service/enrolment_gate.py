@@ -70,12 +70,12 @@ class EnrolmentGate:
         try:
             places = self._enrolment.read()
         except ValueError as error:
-            log.error("[devices]: %s; what was enrolled before stays so", error)
+            log.error("[devices]: %s; the earlier list stays in force", error)
             return
         # An editor may truncate the file for a moment, and a full disk may empty it.
         if self._enrolment.file and places == enrolled.places(self._enrolment.enrolled) != self._places:
             log.error(
-                "[devices]: %s: no device of its own stands in it any more; what was enrolled before stays so",
+                "[devices]: %s no longer lists any device; the earlier list stays in force",
                 self._enrolment.file,
             )
             return
@@ -114,12 +114,17 @@ class EnrolmentGate:
         place = self._places.get(device)
         if place is None:
             if self._counts.add(STRANGER) == 1:
-                log.warning("%s: %s (said once)", device, english(*self.why(device)))
+                log.warning("%s: %s (logged once)", device, english(*self.why(device)))
             self._list(device, bridge, now)
             return False
         if place and place != bridge:
             if self._counts.add(FOREIGN) == 1:
-                log.warning("%s is enrolled by %s and sent by %s (more is only counted)", device, place, bridge)
+                log.warning(
+                    "%s is enrolled for bridge %s but sent by %s (further messages are only counted)",
+                    device,
+                    place,
+                    bridge,
+                )
             if device not in self._heard:
                 self._list(device, bridge, now)
             return False

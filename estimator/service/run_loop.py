@@ -227,7 +227,9 @@ class Service:
         self.counts.add(FLOODED, messages)
         device = self._devices.get(key.rpartition("/")[2])
         if device is not None and device.session.sequence.events.add(FLOODED, messages) == messages:
-            log.warning("%s: sends more than can be handled; the oldest is dropped (more is only counted)", device.name)
+            log.warning(
+                "%s sends too many messages: the oldest are dropped (further ones are only counted)", device.name
+            )
 
     # ---- what goes out --------------------------------------------------------------------------------------------
 

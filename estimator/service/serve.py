@@ -47,7 +47,7 @@ def run(ward: Ward, file: WardFile[Ward] | None = None) -> None:
     estimator uses the store or the file is no store, and BusError where an estimator of this id runs already.
     """
     if ward.estimator is None:
-        raise ValueError("no estimator is configured")
+        raise ValueError("the ward file has no table [estimator]: add it")
     kernels = _load()
     routers = ward.bus.routers_as(Role.ESTIMATOR, name=ward.estimator.id)
     vitals = ServiceHealth(expects=bool(ward.bridge and ward.bridge.devices), routers=routers)

@@ -148,7 +148,7 @@ class StoreAccess:
             codec.decode_calibration(keys.build("store", "calibration", device=c.device), payload)
         except Refusal as refusal:
             if device.session.count_event("calibration unfit") == 1:
-                log.error("%s: a calibration cannot be said: %s", c.device, refusal)
+                log.error("%s: a calibration cannot be published: %s", c.device, refusal)
             return
         if c.verdict is Verdict.ACCEPTED:
             self._replicas.forget(device.name)

@@ -39,7 +39,7 @@ class BiasMonitor(StateStruct):
 
     def __post_init__(self) -> None:
         if not set(self.contradictions) == set(_PARTS) >= {*self.refused, *self.agreed}:
-            raise ValueError("damaged state: parts of a bias that there are not")
+            raise ValueError("damaged state: unknown parts of a bias")
 
     @property
     def stands(self) -> bool:

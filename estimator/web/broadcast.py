@@ -178,7 +178,7 @@ class Broadcast:
         except Exception as error:
             kind = name.partition("/")[0]
             if self.failed.add(kind) == 1:
-                log.exception("%s failed and begins anew (more of this kind are only counted)", name)
+                log.exception("%s failed and restarts (further failures of this kind are only counted)", name)
             else:
                 log.debug("%s failed again: %s", name, error)
             if name in self._running:

@@ -18,7 +18,7 @@ def hashed(password: str) -> str:
     Raises ValueError if it has fewer than MIN_LENGTH characters.
     """
     if len(password) < MIN_LENGTH:
-        raise ValueError(f"a password of {len(password)} characters; {MIN_LENGTH} are the least")
+        raise ValueError(f"the password has {len(password)} characters: use at least {MIN_LENGTH}")
     return _HASHER.hash(password)
 
 

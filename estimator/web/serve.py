@@ -93,7 +93,7 @@ class Server:
             listener = socket.create_server((host, port), family=family, backlog=128)
         except OSError as error:
             why = os_errors.why(error)
-            raise OSError(f"dashboard: cannot listen on {host}:{port}: {why}; --listen takes another") from error
+            raise OSError(f"dashboard: cannot listen on {host}:{port}: {why}; choose another with --listen") from error
         log.info(
             "the dashboard of ward %s is at %s",
             self.desk.known.ward,
@@ -166,8 +166,8 @@ def routers_of(ward: Ward) -> Routers:
 
         if (member := member_of(routers.identity)).role is Role.VIEWER:
             log.warning(
-                "%s does not hear the devices' own readings: a device's page has no rates and no heading, and the guide does not"
-                " see the hand; with a commander's certificate they have (truerate pki issue commander:%s)",
+                "%s may not receive raw readings: a device's page shows no rates and no heading, and the guide cannot follow"
+                " the turns. Use a commander's certificate: truerate pki issue commander:%s",
                 member.label,
                 member.name,
             )

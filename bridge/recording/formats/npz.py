@@ -41,7 +41,7 @@ def read(path: Path, reading: Reading) -> Table:
             " save arrays of floats with numpy.savez"
         ) from None
     if size > MAX_BYTES:
-        raise RecordingError(f"{path}: it unpacks to {size} bytes; at most {MAX_BYTES} are allowed")
+        raise RecordingError(f"{path}: the file unpacks to {size} bytes; at most {MAX_BYTES} are allowed")
     table = table_of(path, arrays, reading, present)
     table.device, table.boot = origin(device, boot)
     return table

@@ -53,7 +53,9 @@ def _check_unpacked(path: Path) -> None:
         while more := len(file.read(1 << 20)):
             size += more
             if size > MAX_BYTES:
-                raise RecordingError(f"{path}: it unpacks to more than {MAX_BYTES} bytes; that is not allowed")
+                raise RecordingError(
+                    f"{path}: the file unpacks to more than {MAX_BYTES} bytes, the most that is allowed"
+                )
 
 
 def _named(streams: list[Any]) -> dict[str, Any]:
