@@ -23,7 +23,7 @@ MOST_SOURCES = 1 << 16
 
 
 class Gap(NamedTuple):
-    """A gap: the messages of this publisher from number `start` on are missing."""
+    """A gap in a publisher's numbers: its messages from number `start` on are missing."""
 
     source: Source
     start: int

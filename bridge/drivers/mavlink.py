@@ -54,8 +54,8 @@ class MavlinkOptions(StreamOptions, frozen=True, forbid_unknown_fields=True, kw_
 class MavlinkDecoder(Decoder):
     """Decoder of one MAVLink system's inertial messages. A boot is detected by a clock that went back.
 
-    system: id of the system, 1 to 255; 0 takes the first heard. Then the system is fixed, so that another device on the
-    line cannot be mistaken for this one.
+    system: id of the system, 1 to 255; 0 takes the first that sends. Then the system is fixed, so that another device
+    on the line cannot be mistaken for this one.
     """
 
     def __init__(self, system: int = 0) -> None:

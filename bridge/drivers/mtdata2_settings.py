@@ -34,7 +34,7 @@ class Settings(RequestQueue):
         return self._given_up or self.key is None
 
     def begin(self, *, woken: bool = False) -> None:
-        """Start all queries and settings anew: the device was opened, or reported a boot (woken)."""
+        """Restart all queries and settings: the device was opened, or reported a boot (woken)."""
         self._given_up = False
         self.clear()
         if woken:

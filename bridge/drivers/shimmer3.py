@@ -53,7 +53,7 @@ class Shimmer3Options(StreamOptions, frozen=True, forbid_unknown_fields=True, kw
 class Shimmer3Decoder:
     """Decoder of a Shimmer3, which it also queries and starts.
 
-    Without options, and on a file, it only listens: samples are decoded after the answers that it hears.
+    Without options, and on a file, it only listens: samples are decoded once the answers with their layout have come.
     """
 
     def __init__(self, options: Shimmer3Options | None = None) -> None:
@@ -71,7 +71,7 @@ class Shimmer3Decoder:
         self.opened()
 
     def opened(self) -> None:
-        """Reset for a newly opened port, and query and start the device anew."""
+        """Reset for a newly opened port, and query and start the device again."""
         self._frames.opened()
         self._assembly.opened()
         self._heard_ns = self._battery_ns = 0
@@ -181,7 +181,7 @@ class Shimmer3Decoder:
         return [Notice("calibration", None if stored else Code.GYRO_NOT_CALIBRATED())]
 
     def _inquired(self, data: bytes) -> list[Event]:
-        """Learn the layout of the data packets."""
+        """Read the layout of the data packets from the inquiry's answer."""
         self._frames.packet, self._gyro, self._accel = 0, None, None
         channels = data[8:]
         ticks = int.from_bytes(data[:2], "little")

@@ -77,7 +77,7 @@ class WitMotionDecoder:
         self.opened()
 
     def opened(self) -> None:
-        """Reset for a newly opened port; the device is queried anew."""
+        """Reset for a newly opened port; the device is queried again."""
         self._frames.opened()
         self._cycles.opened()
         self._assembly.opened()

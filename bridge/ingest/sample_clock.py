@@ -107,7 +107,10 @@ class SampleClock:
         return said
 
     def stamps(self, ticks: Counts, receive_time_ns: int, identity: Identity) -> SampleTimes:
-        """Return the times of good samples from unwrapped, rising ticks (n,); the last one was observed before."""
+        """Return the times of good samples from unwrapped, rising ticks (n,); `observe` has seen the last one.
+
+        receive_time_ns: host time at which the last one was received. identity: gives the tick period.
+        """
         rate = self.clock.rate
         device_s = np.asarray(ticks * identity.tick_period_s, np.float64)
         # A sample cannot be received before it was taken, whatever the fit says.

@@ -150,7 +150,7 @@ class SelfRepetition:
         self._pairs, self._equal, self._tried, self._again = (np.zeros(3) for _ in range(4))
 
     def learn(self, gyro: Floats) -> None:
-        """Learn the sensor's noise and repeats from one second of readings (n, 3), rad/s, at rest."""
+        """Update the sensor's noise and repeats from one second of readings (n, 3), rad/s, at rest."""
         change = np.abs(np.diff(gyro, axis=0))
         step = np.where(change > 0, change, inf).min(axis=0)
         self._ten.append(np.sqrt(np.mean(change**2, axis=0)) / step)

@@ -277,7 +277,7 @@ class Profile(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     def columns(self) -> tuple[str, ...]:
         """Names of the columns, in order: of [csv], or the named groups of [regex].
 
-        Empty if only a header row tells.
+        Empty if only a header row names them.
         """
         if self.csv is not None:
             return self.csv.columns

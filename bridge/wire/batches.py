@@ -97,7 +97,7 @@ class CorrectedEncoder:
     def corrected_by(self, quality: Quality, calibration: str, told: Mapping[str, Float32s]) -> None:
         """Set quality, calibration id and uncertainties of all following messages.
 
-        told: a (3,) float32 array for each name in TOLD, in the units of CorrectedBatch.
+        told: uncertainties and bias, a (3,) float32 array for each name in TOLD, in the units of CorrectedBatch.
         """
         message = self._message
         message.quality = int(quality)

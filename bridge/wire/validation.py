@@ -82,7 +82,10 @@ def member(kind: type[E], value: int, name: str) -> E:
 
 
 def vector(values: Iterable[float], name: str, n: int, low: float, high: float) -> NDArray[np.float64]:
-    """Convert exactly n finite numbers from low to high to a float64 array (n,). Raises Refusal for others."""
+    """Convert exactly n received numbers, finite and from low to high, to a float64 array (n,).
+
+    Raises Refusal for other numbers.
+    """
     array = np.array(values, dtype=np.float64)
     if len(array) == n and all(low <= value <= high for value in array.tolist()):
         return array

@@ -3,7 +3,7 @@
 A batch that arrives early is held until the samples before it arrive, or for a bounded time. After that time the absent
 samples are reported as missing. Where several estimators publish a sample, the one with the highest epoch is delivered.
 A sample with an older epoch than the last delivered sample waits for HANDOVER_S, since the present owner may still
-publish it. So an estimator that hung and wakes up is ignored while another owns its device, and no sample is lost where
+publish it. So an estimator that hung and resumes is ignored while another owns its device, and no sample is lost where
 no other estimator owns the device.
 """
 

@@ -85,7 +85,7 @@ def name_of_copy(backup: Path) -> str:
 def back_up(store: Path, to: Path) -> None:
     """Copy the store's file `store`, in use or not, into a checked, self-contained file `to`.
 
-    Raises StoreError if `to` exists, and Empty if the store has no entries: such a copy would only seem to be a backup.
+    Raises StoreError if `to` exists, and Empty if the store has no entries: a copy of it would be useless as a backup.
     Raises Damaged if the copy is not intact, or Unavailable.
     """
     if to.exists():

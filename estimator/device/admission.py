@@ -66,7 +66,7 @@ class Mark:
 
 
 class Admission:
-    """Admission of one device's messages: only from its owner, the one bridge it is heard from.
+    """Admission of one device's messages: only from its owner, the one bridge whose samples are used.
 
     Batches of old boots, and implausible ones, are refused until they persist.
     silence_s: seconds for which a device may be silent. `owner`: name of that bridge. `sequence`: counters of accepted

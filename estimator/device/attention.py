@@ -36,7 +36,7 @@ def ended(reason: Sentences) -> bool:
 def attentions(state: State, reason: Sentences, info: DeviceInfo | None) -> frozenset[Kind]:
     """Kinds of problems of a device that need a person now: its state, battery, or bad samples; may be empty.
 
-    state, reason: of the device's status. info: what the device tells of itself, None if unknown.
+    state, reason: of the device's status. info: the device's DeviceInfo, None if unknown.
     """
     if state is State.LOST and ended(reason):
         return frozenset()

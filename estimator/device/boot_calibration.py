@@ -1,4 +1,4 @@
-"""Calibration in one boot: what earlier boots tell, turns under way, and the gyro model that is believed because of both."""
+"""Calibration in one boot: knowledge from earlier boots, turns in progress, and the gyro model that follows from both."""
 
 from collections.abc import Callable
 

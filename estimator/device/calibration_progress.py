@@ -8,7 +8,7 @@ from estimator.geometry.gyro_model import AXES, axis_names
 
 
 class CalibrationProgress(CalibrationSession):
-    """Calibration in progress, and what people are told of it.
+    """Calibration in progress, and its sentences for people.
 
     who, why: the person who asked for it and the reason; empty for the calibration after a boot.
     """

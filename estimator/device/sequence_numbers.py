@@ -46,12 +46,12 @@ class SequenceNumbers:
         self.next = None
 
     def resume(self, boot: int, first: int, next_: int) -> None:
-        """Continue a boot first heard at sequence number `first`, from number `next_` on."""
+        """Continue a boot whose first received sample had number `first`, from number `next_` on."""
         self.begin(boot)
         self.first, self.next = first, next_
 
     def recall(self, boots: Callable[[], Iterable[int] | None]) -> None:
-        """Provide boot ids heard before this estimator knew the device, latest last; their samples count as old.
+        """Provide boot ids from before this estimator knew the device, latest last; their samples count as old.
 
         `boots` is called when an unknown boot appears, until it returns the ids instead of None. So a takeover of many
         devices need not load all boots first.
@@ -120,5 +120,5 @@ class SequenceNumbers:
 
     @property
     def seen(self) -> int:
-        """Number of samples the device has made in this boot since its first one heard, missing ones included."""
+        """Number of samples the device has made in this boot since the first one received, missing ones included."""
         return 0 if self.next is None else self.next - self.first

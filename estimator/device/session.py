@@ -52,7 +52,7 @@ class SessionState(StateStruct):
 
     begun_s: device time of sample `next`, None when unknown. length_s: length of its block. latest_s: device time of
     the sample before it. clock: see `Blocks`.
-    applied: correction of the block of `next`; ready: of the block after it, unless more is learnt.
+    applied: correction of the block of `next`; ready: of the block after it, unless a later estimate replaces it.
     life: lifecycle state, the state before the device went away, and the reasons of both.
     attitude: state of the orientation, of the samples corrected so far, and what its heading counts from; None without
     one.
@@ -91,7 +91,7 @@ class DeviceSession(CorrectedStream):
         law: TemperatureLaw | None = None,
         temperature_c: float | None = None,
     ) -> Outcome:
-        """Begin a boot: drop the calibration of the previous one, then restore what is remembered of this one.
+        """Begin a boot: drop the calibration of the previous one, then restore the stored knowledge of this one.
 
         boot: its id. device_time: s, begin of the boot. remembered: stored calibration and bias, or None. law:
         temperature law from earlier boots, or None. temperature_c: the device's temperature now, °C. Returns the

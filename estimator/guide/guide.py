@@ -183,7 +183,7 @@ class Guide:
         return Instruction(Step.TURN, way, words, 0.0, 0.0, axis, done, needed, wrong, laid=hand.laid and not wrong)
 
     def _is_no_attempt(self, one: Sentence) -> bool:
-        """Whether a rejected movement only laid the device on another face, as it was asked for or as it lay before."""
+        """Return whether a rejected movement only laid the device on another face: as the guide asked, or as before."""
         if one.code == Code.VERTICAL_TURN:
             return self.hand.laid and self._way(AXES.index(one.params["axis"])) is not Picture.SIDE
         return self.hand.laid and one.code in _OF_ATTEMPTS

@@ -109,8 +109,8 @@ def broken(time: Floats, clipped: Floats, before: float, gap_s: float) -> tuple[
 def quiet(mean: Floats, std: Floats, rate_hz: float, noise: Floats, knobs: tuple[float, ...]) -> bool:
     """Return whether readings of mean (6,) and std (6,) scatter no more than at rest; accel's mean is NaN without one.
 
-    rate_hz: sample rate in the window. noise (4,): rate at which the noise was learnt, and the noise. knobs: see
-    `judged`.
+    rate_hz: sample rate in the window. noise (4,): sample rate, Hz, at which the noise was measured, and the noise (3),
+    rad/s. knobs: see `judged`.
     """
     _, _, factor, floor, jolt, _, _, ceiling, _, _, _, _ = knobs
     # At a higher output data rate a reading averages over less time: its noise is larger until learnt anew.
@@ -144,7 +144,7 @@ def rests(mean: Floats, begun: float, ended: float, state: Floats, knobs: tuple[
 
 
 def middle(values: Floats, lower: int) -> float:
-    """Median of values; of an even number the mean of the two in the middle, or with lower = 0 the upper of the two."""
+    """Median of values (n,). Of an even number: the mean of the middle two, or with lower = 0 the upper of the two."""
     known, ordered = len(values), np.empty(RECENT)
     for i in range(known):
         place = i
@@ -186,7 +186,8 @@ def judged(rows: Floats, state: Floats, recent: Floats, knobs: tuple[float, ...]
     spikes; flags: still, has an accelerometer, contributed to the noise estimate; mean (6) and std (6) of gyro, rad/s,
     and accel, m/s²; noise (3), rad/s. state (5, 4), each row a number and three axes: time and reading of the last
     sample; number of windows in this rest, and its mean after four of them; begin and mean of a stretch that is quiet
-    at another rate; sample rate at which the noise was learnt, and the noise; unused, and the mean of the last rest.
+    at another rate; sample rate, Hz, at which the noise was measured, and the noise, rad/s; unused, and the mean of the
+    last rest.
     recent (RECENT, 7): mean, rate and std of the latest windows of this rest. knobs: limits of stillness/detector.py,
     as ordered in the detector.
     """

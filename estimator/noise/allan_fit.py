@@ -133,7 +133,7 @@ def _tried(terms: Floats, variance: Floats, each: Floats, most: int) -> Iterator
 
 
 def _white(terms: Floats, variance: Floats, each: Floats) -> "_Fit | None":
-    """Fit of the shortest octaves if they are mostly white noise, else None.
+    """Fit of the shortest octaves if white noise dominates them, else None.
 
     No filter shapes white noise, so any misfit then comes from slower noise.
     """

@@ -120,7 +120,7 @@ def correct(
     batch: int | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> CorrectedRecording:
-    """Correct a recording as the live service would: each row uses what was known when its sample came.
+    """Correct a recording as the live service would: each row uses the knowledge at its sample's time.
 
     calibration: calibration to correct with. From the same boot, its bias counts as old until the recording confirms
     it. From another boot (`other_boot`, or its own boot, range or rate

@@ -97,7 +97,7 @@ def known(model: GyroModel, bias_std: Floats, std: Floats, flicker: float, walk:
 class Attitude:
     """Attitude of one device in one boot, integrated sample by sample.
 
-    state (120,): the complete state, which may be saved and given back; None begins anew.
+    state (120,): the complete state, which may be saved and given back; None begins a new attitude.
     zero: why the heading was zero last: `start`, or who reset it. Raises ValueError for a damaged state.
     """
 

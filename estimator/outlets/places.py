@@ -12,7 +12,7 @@ SILENT_S = 60.0
 
 
 class Places:
-    """The devices that an outlet shows, at most `most`; those heard first keep their place.
+    """The devices that an outlet shows, at most `most`; the first that sent keep their place.
 
     leave: called with each device that loses its place, after SILENT_S without a message.
     """

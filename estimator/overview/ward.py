@@ -140,7 +140,7 @@ class WardView:
         return {name: info for name in self._infos if (info := self.info(name)) is not None}
 
     def info(self, name: str) -> DeviceInfo | None:
-        """Return a device's info of the bridge whose samples are used; otherwise of a bridge that hears the device."""
+        """Return a device's info of the bridge whose samples are used; otherwise of a bridge that receives the device."""
         known, (status, _) = self._infos.get(name, {}), self._statuses.get(name, (None, 0.0))
         if status is not None and status.bridge in known:
             return known[status.bridge]
@@ -200,7 +200,7 @@ def _unless_silent(status: Status, for_s: float) -> Status:
 
 
 def to_calibrate(rows: Iterable[DeviceRow]) -> list[str]:
-    """Return the ids of the devices that wait for turns by hand, those that nobody has begun with first."""
+    """Return the ids of the devices that wait for turns by hand, those whose calibration has not begun first."""
     waits = sorted((row for row in rows if row.state in _WAIT), key=lambda row: _WAIT.index(row.state))
     return [row.device for row in waits]
 

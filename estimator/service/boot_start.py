@@ -30,7 +30,7 @@ class Boots:
         self.treatment = treatment(parts.settings)
 
     def begin(self, device: Device, batch: Samples, *, same: bool = True) -> Outcome:
-        """Begin a boot from the first batch, with what is known of the boot, or with an earlier boot's calibration.
+        """Begin a boot from the first batch, with stored knowledge of the boot, or with an earlier boot's calibration.
 
         same: False if another power-up used this boot number before. Then a remembered calibration serves only as a
         prior (scale factors to start from). Returns the outcome, for `Outcomes.tell`: log lines and messages to

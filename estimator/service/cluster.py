@@ -230,7 +230,7 @@ class Cluster:
         """Publish which devices this estimator owns, every SAY_S, or every SAY_ALONE_S without other estimators.
 
         devices: our devices by id. now: monotonic seconds. During a hold-off (no takeovers after a start or an outage)
-        nothing is published, so that nobody waits for us.
+        nothing is published, so that no other estimator waits for this one.
         """
         membership = self.membership
         if now < self._next_say or not membership.ready(now):

@@ -117,7 +117,7 @@ class DeviceRoster(dict[str, Device]):
         return True
 
     def failed(self, device: Device, error: Exception) -> None:
-        """Restart the session of a device whose work failed, so that the other devices' service goes on.
+        """Restart the session of a device whose work failed, so that the other devices are served further.
 
         The device's samples that came and were not published are lost and counted. Raises the error again if it is a
         BusError, since a lost bus concerns all devices.

@@ -87,7 +87,7 @@ class DeviceStarts:
         return devices.get(name)
 
     def miss(self, now: float, wanted: Callable[[str], bool]) -> None:
-        """Add devices of the last run that were not heard since the start to the roster, so that they count as lost.
+        """Add devices of the last run that have sent nothing since the start to the roster, so that they count as lost.
 
         now: monotonic s. wanted(device): whether a device is to be served.
         """

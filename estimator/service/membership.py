@@ -1,7 +1,7 @@
 """Membership of estimators in a ward, and ownership of devices. Pure: `now` is monotonic seconds.
 
 A device belongs to the live estimator with the highest rendezvous hash. That estimator takes the device under an epoch
-above every epoch it has heard of, and keeps it until another estimator claims it under a higher one. Subscribers follow
+above every epoch it has received, and keeps it until another estimator claims it under a higher one. Subscribers follow
 the highest epoch.
 
 Every estimator must reach the same answer by itself, although each may have heard of different devices. So shares are
@@ -50,7 +50,7 @@ def _weight(estimator: str, device: str) -> int:
 
 
 def epoch_after(highest: int, now_ns: int, estimator: str) -> int:
-    """Epoch for a takeover: higher than `highest`, the highest epoch heard of, and no lower than the time now_ns.
+    """Epoch for a takeover: higher than `highest`, the highest epoch received, and no lower than the time now_ns.
 
     now_ns: ns since the Unix epoch, by a clock that may be wrong. estimator: id whose hash forms the last bits, so that
     two estimators hardly ever choose the same epoch.
@@ -181,7 +181,7 @@ class Membership:
         return not any(claim.busy for claim in self._claims(device))
 
     def take(self, device: str, now_ns: int) -> int:
-        """Take ownership of a device; returns the epoch (number of the ownership, higher than every one heard of).
+        """Take ownership of a device; returns the epoch (number of the ownership, higher than every one received).
 
         now_ns: host time, ns since the Unix epoch. All devices taken before another estimator takes any share one
         epoch.

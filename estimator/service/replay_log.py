@@ -100,7 +100,7 @@ class Resumed:
         return samples.boot == boot and samples.sequence + samples.n <= following and before
 
     def bridge(self, device: str, came_ns: int) -> str:
-        """Id of the bridge from which a device was heard before the restart; empty where unknown.
+        """Id of the bridge whose samples of a device were used before the restart; empty where unknown.
 
         came_ns: host time of a sample's receipt, ns since the Unix epoch. Empty if the sample came after the restart.
         """

@@ -91,9 +91,9 @@ class Study(Generic[S, R]):
 
 
 def generator(seed: int, *words: str | float) -> np.random.Generator:
-    """Return the random number generator of one job, independent of those of other words.
+    """Return the random number generator of one job, from the seed and words that identify the job.
 
-    words: what tells the job apart.
+    Jobs with other words get independent numbers.
     """
     numbers = [int.from_bytes(repr(word).encode(), "little") for word in words]
     return np.random.default_rng([seed, *numbers])

@@ -13,7 +13,7 @@ NO_DEVICE_DO = "Start a bridge, or name the right ward (--config WARD.toml or --
 
 
 def interrupted(begin: float, *, heard: bool) -> None:
-    """Handle Ctrl-C in a live view: re-raise KeyboardInterrupt if nothing was heard yet and it is too early to say so.
+    """Handle Ctrl-C in a live view: re-raise KeyboardInterrupt while a report would come too early.
 
     begin: monotonic time of the start, s. heard: whether any device was heard.
     """

@@ -61,7 +61,7 @@ class AccelerometerCheck(StateStruct):
         self.disbelieved |= self.balance >= _PATIENCE
 
     def anew(self) -> None:
-        """Reset the counts of contradictions, because the bias has been started anew."""
+        """Reset the counts of contradictions, because the bias was restarted."""
         self.balance = self.row = 0
 
     @property

@@ -40,7 +40,7 @@ _VELOCITY_SEEN = np.eye(SIZE)[VELOCITY]
 
 @dataclass(frozen=True, slots=True)
 class GravityKnobs:
-    """Noise of gravity's evidence. m/s², m/s."""
+    """Noise settings of gravity's evidence: accelerations in m/s², velocities in m/s."""
 
     #: m/s, standard deviation of a wearer's mean speed over a span: without unrest, added for each m/s of unrest, and at most.
     #: A limb shaken harder gets no farther; a walker reaches the limit

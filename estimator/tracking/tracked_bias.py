@@ -1,4 +1,4 @@
-"""Tracked bias of one boot: its estimate, what it starts from, and whether it is doubted."""
+"""Tracked bias of one boot: its estimate, its start value, and doubts about it."""
 
 from dataclasses import replace
 
@@ -29,7 +29,7 @@ _LEFT = 0.8
 
 
 class TrackerState(StateStruct):
-    """Saved state of a tracker without the smoother's history, which begins anew after a restore.
+    """Saved state of a tracker without the smoother's history, which restarts after a restore.
 
     evidenced: whether a rest of this boot is known. evidence_time: device time, s, of the last accepted rest. gap:
     begin and end, s, of the latest gap in the evidence, not yet smoothed. kept: restored bias state, until the stream

@@ -35,7 +35,7 @@ _N = len(_FACTORS)
 class WalkRate(StateStruct):
     """Bank of h random walks of one boot: takes rests, gives `pace`, the factor of the walk's variance.
 
-    told (h,) log-likelihoods; x (h, 3) rad/s, P (h, 3) (rad/s)² means and variances. time, s, and celsius, °C: of the
+    told (h,): log-likelihoods; x (h, 3) rad/s, P (h, 3) (rad/s)² means and variances. time, s, and celsius, °C: of the
     last measurement. block: seconds of the next one so far, as (end, mean, variance, °C). Raises ValueError for wrong
     shapes.
     """

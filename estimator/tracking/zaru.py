@@ -1,9 +1,9 @@
 """Zero angular rate update (ZARU): while the device rests, its reading is its bias.
 
-With an accelerometer the rest is split by gravity. A turn about a horizontal axis would tilt gravity: the horizontal part of
-a rest is checked and always usable. A turn about the vertical is invisible, and a bed or chair turns slowly and evenly: the
-vertical part must lie inside its gate. When it stays outside but constant for long, it is believed. In another pose the same
-axis becomes horizontal.
+With an accelerometer the rest is split by gravity. A turn about a horizontal axis would tilt gravity: the horizontal
+part of a rest is checked and always usable. A turn about the vertical is invisible, and a bed or chair turns slowly and
+evenly: the vertical part must lie inside its gate. If it stays outside but constant for long, it is accepted. In
+another pose the same axis becomes horizontal.
 """
 
 from collections.abc import Iterable
@@ -43,8 +43,8 @@ class Zaru(StateStruct):
     of the last, s. rests: seconds of rest in a row. gap_s: how long the device moved before this rest. proven: whether
     the latest second belongs to a proven rest. rested: whether a rest was proven since a restart. blind: whether
     samples were missing, and no rest was seen since. surprised: kinds of evidence already checked against the gap.
-    in_question: variance, (rad/s)², of a bias believed only for its insistence. waiting: measurements to be judged with
-    the following ones.
+    in_question: variance, (rad/s)², of a bias accepted only because it persisted. waiting: measurements to be judged
+    with the following ones.
     contradiction: its begin, s, and z and R measured then. receipts_before, receipts_late: receipts not yet fetched,
     see `surprises` and `judged`.
     """

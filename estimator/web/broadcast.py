@@ -99,7 +99,7 @@ class Broadcast:
         self.failed, self.left_out = Tally(), Tally()
 
     def connect(self, client: Client, control: Client) -> None:
-        """Start receiving by the sessions of a router, when one is first connected; topics already watched start anew.
+        """Start receiving by the sessions of a router, when one is first connected; topics already watched restart.
 
         client: session for data; control: session for liveliness and commands.
         """
@@ -172,7 +172,7 @@ class Broadcast:
 
     @contextlib.contextmanager
     def _guarded(self, name: str, now: float) -> Iterator[None]:
-        """Context that contains any failure of a topic: the topic starts anew."""
+        """Context that contains any failure of a topic: the topic restarts."""
         try:
             yield
         except Exception as error:

@@ -27,7 +27,7 @@ class DeviceTopic(topics.Topic):
     def whole(self, now: float, now_ns: int) -> Iterable[Frame]:
         """Yield the present content of the page as one text frame; nothing for an unknown device.
 
-        now, now_ns: see Topic.
+        now: monotonic s. now_ns: ns since the Unix epoch.
         """
         if self._story is not None:
             told = self._desk.treatment.told(self._device)
@@ -54,7 +54,7 @@ class TraceTopic(topics.Topic):
     def whole(self, now: float, now_ns: int) -> Iterable[Frame]:  # noqa: ARG002 - of a topic
         """Yield the raw and corrected rates of the last 20 s as a binary frame, then the heading error as text.
 
-        now, now_ns: see Topic.
+        now: monotonic s. now_ns: ns since the Unix epoch.
         """
         if (kept := self._traces.kept()) is not None:
             yield self._frame(kept)
@@ -63,7 +63,7 @@ class TraceTopic(topics.Topic):
     def frames(self, now: float, now_ns: int) -> Iterable[Frame]:  # noqa: ARG002 - of a topic
         """Yield the new points as a binary frame, and once a second the heading error as text.
 
-        now, now_ns: see Topic.
+        now: monotonic s. now_ns: ns since the Unix epoch.
         """
         story = self._story
         if story is not None and story.trail.rests:
@@ -117,7 +117,7 @@ class AttitudeTopic(topics.Topic):
     def frames(self, now: float, now_ns: int) -> Iterable[Frame]:  # noqa: ARG002 - of a topic
         """Yield the newest attitude as one text frame, if a new one has come since the last call.
 
-        now, now_ns: see Topic.
+        now: monotonic s. now_ns: ns since the Unix epoch.
         """
         if (batch := self._attitudes.latest()) is not None:
             w, x, y, z = map(float, batch.quat_wxyz[-1])
@@ -140,8 +140,8 @@ class TrailTopic(topics.Topic):
     def whole(self, now: float, now_ns: int) -> Iterable[Frame]:  # noqa: ARG002 - of a topic
         """Yield rests and marks (times in s since the Unix epoch) as text, then the points as a binary frame.
 
-        The frame: float64 (n,) times in s, then float32 (n, 7) bias x, y, z and its std in °/s, temperature in °C. now,
-        now_ns: see Topic.
+        The frame: float64 (n,) times in s, then float32 (n, 7) bias x, y, z and its std in °/s, temperature in °C.
+        now: monotonic s. now_ns: ns since the Unix epoch.
         """
         if self._story is None or not (trail := self._story.trail).times_ns.size:
             return

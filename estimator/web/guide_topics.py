@@ -27,7 +27,7 @@ class GuideTopic(topics.Topic):
     def whole(self, now: float, now_ns: int) -> Iterable[Frame]:  # noqa: ARG002 - of a topic
         """Yield the present instruction as a text frame; nothing for an unknown device.
 
-        now, now_ns: see Topic.
+        now: monotonic s. now_ns: ns since the Unix epoch.
         """
         if (story := self._story) is None:
             return

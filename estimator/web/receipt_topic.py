@@ -31,7 +31,7 @@ class ReceiptTopic(topics.Topic):
     def whole(self, now: float, now_ns: int) -> Iterable[Frame]:  # noqa: ARG002 - of a topic
         """Yield one text frame with all kept receipts; nothing for an unknown device.
 
-        now, now_ns: see Topic.
+        now: monotonic s. now_ns: ns since the Unix epoch.
         """
         if (story := self._story) is None:
             return

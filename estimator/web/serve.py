@@ -154,7 +154,7 @@ def _settings(ward: Ward, people: WardFile[Ward] | None) -> Dashboard:
 
 
 def routers_of(ward: Ward) -> Routers:
-    """Return the routers and the dashboard's role there: commander, or viewer where nobody may command.
+    """Return the routers and the dashboard's role there: commander, or viewer if no person may give commands.
 
     A warning tells a viewer which messages its certificate does not permit.
     """

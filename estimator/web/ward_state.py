@@ -1,4 +1,4 @@
-"""Present state of a ward and its devices, collected from all messages heard: the one source of every page.
+"""Present state of a ward and its devices, collected from all received messages: the one source of every page.
 
 Pure: `now` is monotonic time in s.
 """
@@ -51,7 +51,9 @@ _CAUSES = {
 
 @dataclass(frozen=True, slots=True)
 class Boot:
-    """A boot of a device, seen or from the store. boot: its number; time_ns: when it was first heard of.
+    """A boot of a device, seen or from the store.
+
+    boot: its number; time_ns: host time, ns since the Unix epoch, of its first message.
 
     cause: a label, empty if unknown; what: model and firmware.
     """
@@ -222,7 +224,7 @@ class Known:
     def take_info(self, info: DeviceInfo) -> None:
         """Process a bridge's info about a device.
 
-        If several bridges list the device, the bridge that the estimator hears counts.
+        If several bridges list the device, the bridge whose samples the estimator uses counts.
         """
         if not self._view.room(info.device, STRANGERS):
             self.left_out.add("devices")
@@ -312,7 +314,7 @@ class Known:
         return not self.connected or none or (info is not None and bridges.get(info.bridge) is False)
 
     def broken(self, device: str, now: float) -> bool:
-        """Return whether the ward cannot hear the device (`deaf`), or no estimator reports the device any more.
+        """Return whether a fault of the ward silences the device (`deaf`), or no estimator reports the device any more.
 
         now: monotonic s.
         """

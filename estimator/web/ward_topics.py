@@ -24,7 +24,10 @@ class WardTopic(topics.Topic):
     worded = True
 
     def whole(self, now: float, now_ns: int) -> Iterable[Frame]:
-        """Yield the present content of the ward page as one text frame. now, now_ns: see Topic."""
+        """Yield the present content of the ward page as one text frame.
+
+        now: monotonic s. now_ns: ns since the Unix epoch.
+        """
         yield topics.text(self._topic, ward_page(self._known, now, now_ns, self._t))
 
 

@@ -122,7 +122,7 @@ class Broker:
         self._client.loop_stop()
 
     def came_back(self) -> bool:
-        """Return whether the connection was made again since the last call; the broker may then have lost what it kept."""
+        """Return whether the client reconnected since the last call; the broker may then have lost retained messages."""
         back, self._back = self._back, False
         return back
 

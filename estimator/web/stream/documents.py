@@ -37,7 +37,7 @@ class Samples(Struct, frozen=True, tag="samples", tag_field="type"):
 class MissedSamples(Struct, frozen=True, tag="missed", tag_field="type"):
     """Samples that did not come: `count` of them from number `first` on.
 
-    null: all up to the end of that boot, nobody knows how many.
+    null: all up to the end of that boot, an unknown number.
     """
 
     device: str
