@@ -74,7 +74,7 @@ class SampleClock:
         return self._silences.missing
 
     def hold(self, readings: Readings, last_tick: int, identity: Identity) -> list[Readings]:
-        """Return the readings, held and new, that may be taken now; some wait after a silence without a device clock.
+        """Return the readings, held and new, to publish now; without a device clock, some wait after a silence.
 
         last_tick: unwrapped tick of the last new sample.
         """

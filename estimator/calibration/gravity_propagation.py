@@ -111,7 +111,8 @@ def collect(movements: Sequence[Movement]) -> Transitions:
 class Problem:
     """Least-squares problem of gravity propagation: residuals of theta (21,) with their slopes and covariance.
 
-    theta: see the letters above. data: rests and movements. knobs: assumed error sizes and priors.
+    theta: bias, matrix and accelerometer errors, in the order and units at the top of the file. data: rests and
+    movements. knobs: assumed error sizes and priors.
     """
 
     def __init__(self, data: Transitions, knobs: TransitionKnobs) -> None:

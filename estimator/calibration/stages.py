@@ -62,7 +62,7 @@ class Stages:
         self.not_gravity = 0.0
 
     def take(self, begun: float, ended: float, *, still: bool) -> Settled | None:
-        """Process the next window, from device time `begun` to `ended`, s; return the rest that it makes long enough, else None.
+        """Process the next window, device time `begun` to `ended`, s; return a rest that becomes long enough, or None.
 
         still: whether the window was judged still.
         """

@@ -67,7 +67,7 @@ class Fit:
 
 
 def fit(data: Transitions, knobs: TransitionKnobs | None = None) -> Fit:
-    """Fit bias, full matrix and accelerometer errors (theta, 21) to all movements by weighted least squares.
+    """Fit bias (rad/s), full matrix and accelerometer errors, theta (21,), to all movements by weighted least squares.
 
     Raises LinAlgError when the movements do not determine the parameters.
     """

@@ -51,7 +51,7 @@ class Turn360:
 
 
 def estimate(capture: Capture) -> Turn360:
-    """Estimate bias and scale factors by Algorithm 1 from one rest and three turns.
+    """Estimate bias (rad/s) and scale factors by Algorithm 1 from one rest and three turns.
 
     Raises NotConverged if the scale factors do not settle, or leave the range 0 to 100.
     """

@@ -97,7 +97,7 @@ class Estimator(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
 
 class Ward(schema.Root, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A whole ward file with every table typed."""
+    """The whole ward file, with typed tables [estimator], [dashboard] and [alerts] besides those of schema.Root."""
 
     estimator: Estimator | None = None
     dashboard: Dashboard = Dashboard()

@@ -37,7 +37,7 @@ class Cut(NamedTuple):
 
     @property
     def ticks(self) -> bytes:
-        """Time stamps of the samples in ticks, packed as on the wire."""
+        """Device times of the samples in ticks (uint64), packed as on the wire."""
         return self.samples.ticks[8 * self.first : 8 * self.end]
 
     @property

@@ -161,7 +161,7 @@ class DeviceSession(CorrectedStream):
             self._apply()
 
     def adopt(self, remembered: PriorKnowledge, calibration: Calibration) -> None:
-        """Adopt a calibration that another estimator made in this very boot; a calibration in progress ends.
+        """Adopt a calibration that another estimator made in this same boot; a calibration in progress ends.
 
         remembered: the bias that belongs to it.
         """

@@ -50,7 +50,7 @@ def window_end(time: Floats, read: Floats, begin: int, fewest: int, window_s: fl
 
 
 def summed(read: Floats, mean: Floats, std: Floats) -> None:
-    """Write mean (6,) and standard deviation (6,) of readings (n, 6), gyro and accel, n > 1."""
+    """Write mean (6,) and standard deviation (6,) of readings (n, 6): gyro, rad/s, and accel, m/s²; n > 1."""
     n = len(read)
     mean[:], std[:] = 0.0, 0.0
     for i in range(n):

@@ -135,7 +135,7 @@ class Attitude:
         return cov
 
     def take(self, rows: Floats, known: Floats) -> Oriented:
-        """Integrate the attitude over samples; return attitude, acceleration and covariance at each.
+        """Integrate the attitude over samples; return attitude, acceleration, m/s², and covariance, rad², at each.
 
         rows (n, 9): columns of samples/sample_buffer.py. known (38,): result of the function `known`.
         """

@@ -130,11 +130,11 @@ class SampleBuffer:
         np.concatenate(places, out=self._places[begin : self._end])
 
     def rows(self, begin: int, end: int) -> Floats:
-        """Rows (n, 9) of the samples numbered `begin` up to but not including `end`: time, gyro, accel, temperature."""
+        """Rows (n, 9) of the samples numbered `begin` up to but not including `end`: columns as for Samples."""
         return self._rows[begin - self._first : end - self._first]
 
     def places(self, begin: int, end: int) -> Wholes:
-        """Places (n, 3) of the samples numbered `begin` up to but not including `end`: sequence, host time, flags."""
+        """Places (n, 3) of the samples numbered `begin` up to but not including `end`: columns as for Samples."""
         return self._places[begin - self._first : end - self._first]
 
     def place(self, number: int) -> tuple[int, int]:

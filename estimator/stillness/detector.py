@@ -44,7 +44,7 @@ SPIKE_FAR, SPIKE_FACTOR, SPIKE_ALONE = radians(200.0), 10.0, 1.5
 
 
 def too_seldom(rate_hz: float) -> Sentences:
-    """Reason why a stream of this sample rate is never judged still; () if the rate is high enough.
+    """Return the reason why a stream of rate_hz samples a second is never judged still; () if the rate is high enough.
 
     With a gap of GAP_S or more between samples, a movement may hide between any two.
     """

@@ -80,7 +80,7 @@ def results(scenario: ErrorsScenario, parts: Parts) -> Errors:
 
 
 def tables(found: Errors) -> Sequence[RenderableType]:
-    """Return a table of the errors, one row per parameter, noise and method, and a line with the NEES."""
+    """Return a table of the errors (k without unit, b in °/s), one row per parameter, noise and method, and the NEES."""
     headings = {
         "°/s": 0,
         "method": 0,

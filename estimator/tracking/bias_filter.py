@@ -39,7 +39,10 @@ class FilterState(StateStruct):
 
 
 class Step(NamedTuple):
-    """Prediction step of the filter: predicted state x (n,), transition matrix F (n, n), process noise Q (n, n)."""
+    """Prediction step of the filter: predicted state x (n,), transition matrix F (n, n), process noise Q (n, n).
+
+    Units are those of the state: rad/s for the bias, rad/s/K for its slope.
+    """
 
     x: Floats
     F: Floats
@@ -111,12 +114,12 @@ class BiasFilter:
 
     @property
     def cov(self) -> Floats:
-        """(n, n) covariance of the current state `x`; read only."""
+        """(n, n) covariance of the current state, in squares of the units of `x`; read only."""
         return self._P
 
     @property
     def state(self) -> BiasState:
-        """Copy of the current state, with its covariance, device time and temperature."""
+        """Copy of the current state: x, its covariance, device time, s, and temperature, °C."""
         return BiasState(self._x.copy(), self._P.copy(), self.time, self.temperature_c, self._powered, self._bent_c)
 
     def predict(self, time: float, temperature_c: float = np.nan, carried: Step | None = None) -> Step | None:

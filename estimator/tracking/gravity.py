@@ -123,7 +123,7 @@ class Gravity:
         return Step(*carried(bias.x, bias.cov, span.rows, kept, G, noise))
 
     def evidence(self, span: Span, *, resting: bool) -> Evidence:
-        """Zero-velocity evidence for the span just carried: of its mean, or at its end for a resting device."""
+        """Zero-velocity evidence, m/s, for the span just carried: of its mean, or at its end for a resting device."""
         if resting:
             return self._resting
         # In axes of the end: mean = v - C^T (push - shift / T) + g T / 2. The effect of a wrong bias within the span is small.

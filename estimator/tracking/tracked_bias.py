@@ -128,7 +128,7 @@ class TrackedBias:
 
     @property
     def state(self) -> BiasState:
-        """Copy of the current state of the bias filter."""
+        """Copy of the current state of the bias filter: bias, rad/s, its slope, and their covariance."""
         return self._filter.state
 
     @property

@@ -21,7 +21,7 @@ _BOOT = re.compile("[0-9a-f]{16}")
 
 
 def read(path: Path, reading: Reading) -> Table:
-    """Read the arrays of an .npz file, named in the module's docstring, as a Table.
+    """Read the arrays of an .npz file as a Table: gyro_rad_s, and if present accel_m_s2, temperature_c, t_s, rate_hz.
 
     Raises RecordingError for a damaged file or a missing array.
     """
