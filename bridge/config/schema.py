@@ -81,7 +81,7 @@ def listening(address: str) -> tuple[str, int]:
 def clash(address: str, other: str) -> bool:
     """Return whether two listen addresses `HOST:PORT` on one machine conflict.
 
-    They do if the ports are equal, and the hosts are equal or one of them stands for all addresses.
+    Two addresses conflict if the ports are equal, and the hosts are equal or one of them stands for all addresses.
     """
     (host, port), (there, its) = (listening(one.replace("localhost", "127.0.0.1")) for one in (address, other))
     return port == its and (host == there or not {host, there}.isdisjoint(ANYWHERE))

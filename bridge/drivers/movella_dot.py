@@ -90,7 +90,7 @@ class MovellaDotOptions(StreamOptions, frozen=True, forbid_unknown_fields=True, 
 class MovellaDotDecoder:
     """Decoder of a Movella DOT's values, in frames of `bridge.framing.gatt_values`.
 
-    It also sets the rate and starts the measurement; without options, and on a file, it only listens.
+    The decoder also sets the rate and starts the measurement; without options, and on a file, it only listens.
     """
 
     def __init__(self, options: MovellaDotOptions | None = None) -> None:

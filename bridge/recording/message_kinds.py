@@ -67,9 +67,9 @@ def topic(key: str) -> str:
 
 
 def log_ns(own_ns: int, now_ns: int) -> int:
-    """Return a message's log time in ns.
+    """Return a message's log time, ns since the Unix epoch: its own time `own_ns`, or the recorder's time `now_ns`.
 
-    Its own time, or the recorder's if the two differ by more than MAX_APART_NS.
+    The recorder's time is used if the two differ by more than MAX_APART_NS.
     """
     return own_ns if abs(own_ns - now_ns) <= MAX_APART_NS else now_ns
 

@@ -63,7 +63,7 @@ def cause(error: Exception, port: str) -> Sentence:
 def settling(error: Exception) -> bool:
     """Return whether the error of opening may pass by itself, because the port was just plugged in.
 
-    Its name and permissions are then not yet settled.
+    The port's name and permissions are then not yet settled.
     """
     return _number(error) in _MISSING | _FORBIDDEN | {errno.EIO}
 

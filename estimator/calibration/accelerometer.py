@@ -37,7 +37,7 @@ def calibrated(poses: Floats) -> AccelerometerCalibration:
 
     poses (n, 4): variance of the mean reading, m²/s⁴, then the mean reading (3,), m/s².
     Verdict REPEAT: fewer than six poses, or an axis stays uncertain. REFUSED: values no accelerometer has, or a large
-    misfit. Neither contains an estimate.
+    misfit. A result with either verdict has no estimate.
     """
     told, n = AccelKnobs().shear, len(poses)
     if n < FEWEST_POSES:

@@ -227,7 +227,7 @@ class Client:
         return self._command(device, "cancel", who, reason)
 
     def note(self, device: str, who: str, text: str) -> CommandReply:
-        """Attach a text to this moment of a device. It is stored in the audit table and published for recordings.
+        """Attach a text to this moment of a device. The text is stored in the audit table and published for recordings.
 
         Returns the estimator's reply; an empty text is refused. Raises BusError when no estimator answers.
         """

@@ -28,7 +28,7 @@ _HOURS = re.compile(r"([01]\d|2[0-3]):([0-5]\d)-([01]\d|2[0-3]):([0-5]\d)\Z")
 
 
 class Alerts(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Alerts: hold times, quiet hours, and where alerts are sent. They are shown on the page in any case."""
+    """Alerts: hold times, quiet hours, and where alerts are sent. The page shows alerts in any case."""
 
     #: seconds until a trouble is an alert, by kind: `{ lost = 120, uncalibrated = 1800 }`; docs/alerts.md has the defaults
     hold_s: dict[str, float] = {}

@@ -35,7 +35,10 @@ class CalibrationProgress(CalibrationSession):
         return bool(self.turns) or not self.rested
 
     def judge(self, begun: float, ended: float, *, still: bool) -> list[Progress]:
-        """Judge the next window as a calibration session does; the events also name turns that are now too old."""
+        """Judge the next window as a calibration session does; the events also name turns that are now too old.
+
+        begun, ended: device time of the window, s. still: whether the window was judged still.
+        """
         old = self.expire(ended)
         progress = super().judge(begun, ended, still=still)
         return [Expired(old), *progress] if old else progress

@@ -14,7 +14,7 @@ REVISED_S = 2000
 
 
 class RevisionSequences:
-    """Latest tracked seconds of one boot: device time, sequence number and host time of the last sample of each."""
+    """Latest tracked seconds of one boot: device time, s, sequence number and host time, ns, of each last sample."""
 
     def __init__(self) -> None:
         self._seconds: deque[tuple[float, int, int]] = deque(maxlen=REVISED_S)

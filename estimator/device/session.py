@@ -171,8 +171,8 @@ class DeviceSession(CorrectedStream):
     def offered(self, own: DeviceCalibration, now_ns: int) -> Outcome:
         """Judge a calibration that the device made itself, and use it if it is plausible.
 
-        It never replaces a calibration made here in this boot, and waits while turns are under way here. now_ns: host
-        time, ns. The outcome is empty where the calibration is not judged.
+        A device's own calibration never replaces one that this estimator made in this boot, and waits while turns are
+        in progress. now_ns: host time, ns. The outcome is empty where the calibration is not judged.
         """
         learnt, known = self.learnt, self.calibration
         if own == self._offered or self.life.away or learnt.turned or learnt.asked:

@@ -49,8 +49,8 @@ def learnt(tracker: Tracker, noise_std: Floats, turns: tuple[Turn, ...] = ()) ->
 def combined(by_hand: Result, worn: Calibration) -> Result:
     """Combine a calibration by hand with a worn one of the same boot; the one by hand alone where the two disagree.
 
-    The bias is that by hand; the scale factors by hand update the worn matrix, weighted by uncertainty. A method that
-    determines the whole matrix needs no such start.
+    The result has the bias by hand. Its matrix is the worn one, updated by the scale factors by hand, weighted by
+    uncertainty. If the method by hand determined the whole matrix, its result is returned unchanged.
     """
     if len(by_hand.parameters) > 6 or len(worn.parameters) != len(MATRIX_PARAMETERS):
         return by_hand

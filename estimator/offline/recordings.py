@@ -64,7 +64,7 @@ def calibrate(
     the entire recording at once. The accelerometer is calibrated by all rests of the recording.
     gyro_range: full-scale range in rad/s, 0 when unknown; readings at 99 % of it count as clipped.
     rates: a machine's known rates in rad/s, for the methods that need them; other methods ignore them.
-    knobs: settings of the device's kind; the default assumes nothing. Their calibration method is ignored.
+    knobs: settings of the device's kind; the default assumes nothing. The calibration method in `knobs` is ignored.
     """
     knobs = knobs or SessionKnobs()
     samples = Samples(recording.time_s, recording.gyro, recording.accel, _flags(recording, gyro_range) & UNFIT != 0)

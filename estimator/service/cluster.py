@@ -218,7 +218,7 @@ class Cluster:
     def answers(self, key: keys.Key) -> bool:
         """Return whether this estimator must answer a command, given the command's key.
 
-        It answers for the devices it holds, for unclaimed devices that belong to it, and for its own alerts.
+        An estimator answers for the devices it holds, for unclaimed devices that belong to it, and for its own alerts.
         """
         if key.ids["verb"] == "acknowledge" and key.device in self.membership.members:
             return key.device == self.membership.own

@@ -100,8 +100,7 @@ class Device:
     def announced(self) -> bool:
         """True if the device's messages are published.
 
-        Those of a newcomer (a device that neither a list nor the store knows) are only once it has lived for
-        NEWCOMER_S.
+        Messages of a newcomer (a device that neither a list nor the store knows) are published only after NEWCOMER_S.
         """
         return not self._gone and not self.announced_after_s
 

@@ -55,7 +55,7 @@ _ANY = ("0.0.0.0", "::")  # noqa: S104 - compared with, not bound
 class Server:
     """Web server of one ward's dashboard.
 
-    It serves before a router is found; `connect` attaches the router's sessions later.
+    The server runs before a router is found; `connect` attaches the router's sessions later.
     """
 
     def __init__(

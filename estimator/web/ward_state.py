@@ -243,7 +243,7 @@ class Known:
     def take_owned(self, owned: Owned, now: float) -> None:
         """Process an estimator's message about itself, received at monotonic time `now`, s.
 
-        Its first part has its alerts.
+        The first part of such a message has the estimator's alerts.
         """
         if not owned.part and (owned.estimator in self._estimators or len(self._estimators) < _NAMED):
             self._estimators[owned.estimator] = owned.alerts, now
