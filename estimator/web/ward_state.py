@@ -321,7 +321,7 @@ class Known:
         return self.deaf(device) or self.row(device, now).state == SILENT
 
     def troubles(self) -> Sentences:
-        """Return the troubles of the ward itself; while no router is connected, only that."""
+        """Return the troubles of the ward itself, as sentences; while no router is connected, only that fault."""
         if not self.connected:
             return (Code.WARD_ROUTER_GONE(),)
         seen, left_out = self.glance(), self.left_out.as_dict().get("devices")
