@@ -24,7 +24,7 @@ _EXAMPLES = """examples:
   truerate init ward-3 --host ward-3.example --person nurse
                                                            the page over TLS, for tablets; asks for the nurse's password
   truerate init ward-3 --host 10.0.0.5 --bridge bridge-2   a second machine has devices, too
-  truerate init ward-3 --virtual 3 --dry-run               say what would be done, with three simulated devices
+  truerate init ward-3 --virtual 3 --dry-run               print what would be done, with three simulated devices
 
 A second run keeps what is there and adds what is missing: newly plugged devices, new people, further machines."""
 _SERVICES = ("router", "bridge", "estimator", "dashboard", "recorder")
