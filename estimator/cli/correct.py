@@ -84,7 +84,7 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     verb.add_argument(
         "--warmed-up",
         action="store_true",
-        help="the device was on and worn for 15 minutes before; else the bias may drift by warming up, if no temperature is known",
+        help="the device was on and worn for 15 minutes before; else, without a thermometer, the bias may drift by warming up",
     )
     verb.add_argument(
         "--learn-matrix",
