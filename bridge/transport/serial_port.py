@@ -37,9 +37,9 @@ class SerialPort:
     """Serial port transport of one device; the port is locked for this process.
 
     Use a stable name: /dev/serial/by-id/... stays, /dev/ttyUSB0 does not. baud: bits per second. Many boards boot when
-    DTR falls or rises. Opening a port always raises DTR and RTS. Both lines are never lowered afterwards, neither here
-    nor by the system on close, so only the first opening after plugging in may boot the board. (Lowering them would
-    silence boards with USB of their own, and reset an ESP32.)
+    DTR falls or rises. Opening a port always raises DTR and RTS. Neither line is lowered afterwards, neither here nor
+    by the system on close, so only the first opening after plugging in may boot the board. (Lowering them would silence
+    boards with USB of their own, and reset an ESP32.)
     """
 
     def __init__(self, port: str, baud: int) -> None:
