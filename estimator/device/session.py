@@ -253,7 +253,7 @@ class DeviceSession(CorrectedStream):
         for correction in (saved.applied, saved.ready):
             correction.check()
             if correction.quality is Quality.GOOD and session.calibration is None:
-                raise ValueError("damaged state: GOOD, without a calibration of this boot")
+                raise ValueError("damaged state: quality GOOD without a calibration of this boot")
         session.life.resume(saved.life)
         session._blocks = Blocks(saved.latest_s)
         session._blocks.length_s = saved.length_s

@@ -25,7 +25,7 @@ class ErrorsScenario(Simulation, frozen=True, kw_only=True):
         Simulation.__post_init__(self)
         if len(self.paper_band) != len(self.noise_dps):
             raise ValueError(
-                f"paper_band has {len(self.paper_band)} numbers and noise_dps {len(self.noise_dps)}: give as many"
+                f"paper_band has {len(self.paper_band)} numbers and noise_dps {len(self.noise_dps)}: give one of each"
             )
 
 
