@@ -94,7 +94,9 @@ def back_up(store: Path, to: Path) -> None:
     try:
         with closing(to_read(store)) as db:
             if not any(_copied(db, part, store).values()):
-                raise Empty(f"store {store} has no entries, so there is nothing to back up: check the path of the store")
+                raise Empty(
+                    f"store {store} has no entries, so there is nothing to back up: check the path of the store"
+                )
         _place(part, to)
     except (*FAULTS, StoreError) as error:
         part.unlink(missing_ok=True)
