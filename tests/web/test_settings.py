@@ -23,7 +23,7 @@ def ward(text: str, folder: Path) -> Ward:
     ("text", "words"),
     [
         ('listen = "nowhere"', "write for example '127.0.0.1:8090'"),
-        ('hosts = ["http://x"]', "is no name"),
+        ('hosts = ["http://x"]', "is not a host name"),
         ("session_hours = 0", "0.05 to 168"),
         ("idle_minutes = 0", "1 to 10080"),
         ('[[dashboard.people]]\nname = "Nurse"\npassword = "x"', "is not valid"),
