@@ -55,7 +55,7 @@ class S3(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
             return [told["default"].get(key) or os.environ[key] for key in KEYS]
         except (OSError, KeyError, configparser.Error, UnicodeDecodeError) as error:
             where = f"credentials_file {file}" if file else "the environment"
-            raise ConfigError(f"[s3] finds no {' and '.join(KEYS)} in {where}: {error}") from None
+            raise ConfigError(f"[s3] finds no {' and '.join(KEYS)} in {where} ({error}): add them") from None
 
 
 class BucketError(OSError):
@@ -110,7 +110,7 @@ class Bucket:
     def download(self, name: str, to: Path, progress: Callable[[int, int], None]) -> None:
         """Download the object `name` into the file `to`, which is overwritten.
 
-        progress: called with the number of bytes done and the number in all.
+        progress(done, total): called with bytes.
         """
         with self._translated(), to.open("wb") as file:
             for chunk in (found := self._store.get(name)).stream():

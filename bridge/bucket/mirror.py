@@ -15,7 +15,7 @@ LOOK_S, LAST_S = 60.0, 10.0
 
 
 class Mirror:
-    """Thread that copies finished files to one folder of a bucket, and tries again what failed. It starts at once.
+    """Thread that copies finished files to one folder of a bucket, and repeats failed copies. Starts at once.
 
     An object that has the name of a file and another size is never replaced.
     folder: within the ward's folder of the bucket. files: returns the finished local files.

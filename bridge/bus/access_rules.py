@@ -27,8 +27,8 @@ _ASKING = ("declare_subscriber", "declare_liveliness_subscriber", "liveliness_qu
 class Rights:
     """Bus keys that one member (program with a certificate) may use; each field is a tuple of key patterns.
 
-    says: keys it may publish. hears: keys it may subscribe to. asks: keys it may send queries (commands) to.
-    answers: keys on which it may answer queries.
+    says: keys to publish. hears: keys to subscribe to. asks: keys to send queries (commands) to. answers: keys on which
+    to answer queries.
     """
 
     says: tuple[str, ...] = ()

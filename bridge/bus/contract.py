@@ -33,7 +33,7 @@ class Publisher(Protocol):
 
     @property
     def wanted(self) -> bool:
-        """Whether a subscriber exists now, so that sending is worth the work.
+        """True if a subscriber exists now, so that sending is worth the work.
 
         Always true with a cache, because late subscribers read the cache.
         """
@@ -103,7 +103,7 @@ class Bus(Protocol):
 
     @property
     def connected(self) -> bool:
-        """Whether a router (or the in-memory broker) is connected now."""
+        """True if a router (or the in-memory broker) is connected now."""
 
     def close(self) -> None:
         """Close the session on the bus and all its declarations; a second close does nothing."""

@@ -23,7 +23,7 @@ MOST_SOURCES = 1 << 16
 
 
 class Gap(NamedTuple):
-    """A gap: the messages of this publisher from number `start` on are missing."""
+    """A gap in a publisher's numbers: its messages from number `start` on are missing."""
 
     source: Source
     start: int
@@ -83,7 +83,10 @@ class GapDetector(Generic[_T]):
         self._review(source, state, now_s)
 
     def history(self, source: Source, found: Mapping[int, _T], now_s: float) -> Sequence[_T]:
-        """Take a publisher's cached messages (by number) from before the subscription; return those to deliver now."""
+        """Take a publisher's cached messages, by number, from before the subscription; return those to deliver now.
+
+        `now_s`: seconds of a monotonic clock.
+        """
         state = self._state(source)
         ready = self._fill(source, state, found)
         self._review(source, state, now_s)

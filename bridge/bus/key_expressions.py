@@ -52,7 +52,7 @@ def _check(text: str, shape: re.Pattern[str], rule: str) -> str:
 
 
 def matches(pattern: str, key: str) -> bool:
-    """Whether the key pattern matches the key. No wildcard matches a chunk that begins with `@`."""
+    """Return whether the key pattern matches the key. No wildcard matches a chunk that begins with `@`."""
     return _shape(pattern).fullmatch(f"/{key}") is not None
 
 

@@ -48,7 +48,7 @@ class MessageQueue:
             self._ready.notify_all()
 
     def add_missed(self, count: int, key: str = "") -> None:
-        """Count `count` messages lost before they reached this queue, under their key; "" if the key is unknown."""
+        """Count `count` messages lost before they reached this queue. key: their bus key; "" if unknown."""
         with self._ready:
             self._count(key, count)
 
@@ -70,12 +70,12 @@ class MessageQueue:
 
     @property
     def closed(self) -> bool:
-        """Whether the queue is closed: it discards new messages, and readers get none, so a reading loop must end."""
+        """True if the queue is closed: it discards new messages, and readers get none, so a reading loop must end."""
         return self._over
 
     @property
     def caught_up(self) -> bool:
-        """Whether the history from publishers' caches has arrived, or its query has timed out; live messages follow."""
+        """True if the history from publishers' caches has arrived, or its query has timed out; live messages follow."""
         return True
 
     def receive(self, timeout_s: float) -> Message | None:

@@ -82,7 +82,7 @@ def open_to_others(listen: Sequence[str]) -> Iterator[str]:
 
 
 def loopback(endpoint: str) -> bool:
-    """Whether a zenoh endpoint is reachable from the same machine only."""
+    """Return whether a zenoh endpoint is reachable from the same machine only."""
     protocol, _, address = endpoint.partition("/")
     host = address.partition("#")[0].partition("?")[0].rpartition(":")[0].strip("[]")
     try:
@@ -139,7 +139,7 @@ def _by_id(tables: list[dict[str, Any]]) -> dict[str, dict[str, Any]]:
 
 
 def _plain(value: Any) -> Any:
-    """Return a value ready to compare: lists sorted, an empty list as None, as in zenoh."""
+    """Return a zenoh setting ready to compare: lists sorted, an empty list as None, as in zenoh."""
     return (sorted(value, key=str) or None) if isinstance(value, list) else value
 
 

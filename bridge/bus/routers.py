@@ -12,7 +12,7 @@ SECURED = ("tls", "quic")
 
 
 def secured(endpoint: str) -> bool:
-    """Whether a zenoh endpoint uses TLS or QUIC and so needs certificates."""
+    """Return whether a zenoh endpoint uses TLS or QUIC and so needs certificates."""
     return endpoint.partition("/")[0] in SECURED
 
 

@@ -174,7 +174,7 @@ class ZenohBus:
 
     @property
     def connected(self) -> bool:
-        """Whether a router is connected now."""
+        """True if a router is connected now."""
         return not self._closed and bool(self._session.info.routers_zid())
 
     def past(self, pattern: str) -> handlers.Handler[zenoh.Reply]:

@@ -22,7 +22,8 @@ class Publisher(Declared):
     def put(self, payload: bytes, attachment: bytes = b"") -> None:
         """Send a payload. Raises BusError after close, or if zenoh fails.
 
-        attachment: bytes beside the payload, for another protocol; only without a cache.
+        attachment: bytes sent beside the payload, which another protocol requires; only for a publisher without a
+        cache.
         """
         with self._lock:  # send in the order of the numbers
             if self._closed:
@@ -40,7 +41,7 @@ class Publisher(Declared):
 
     @property
     def wanted(self) -> bool:
-        """Whether a subscriber exists now; always true with a cache, because late subscribers read the cache."""
+        """True if a subscriber exists now; always true with a cache, because late subscribers read the cache."""
         if self.cache is not None:
             return True
         try:

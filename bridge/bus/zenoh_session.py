@@ -150,7 +150,7 @@ class Declared:
                 for one in self._declared:
                     one.undeclare()
             except zenoh.ZError:
-                _log.debug("already gone with its session")
+                _log.debug("the declaration ended with its session")
 
 
 @contextlib.contextmanager
@@ -182,7 +182,7 @@ def said(error: BaseException) -> str:
 
 
 def is_zenohs(error: BaseException) -> bool:
-    """Whether an error comes from zenoh, including a panic of its Rust code.
+    """Return whether an error comes from zenoh, including a panic of its Rust code.
 
     A Rust panic is no Exception, and its class cannot be imported: compare the name.
     """

@@ -59,7 +59,7 @@ class Subscription(MessageQueue, Declared):
 
     @property
     def caught_up(self) -> bool:
-        """Whether the history has been delivered, or was not asked for."""
+        """True if the history has been delivered, or was not asked for."""
         return self._begun.is_set()
 
     def begin(self, past: Found) -> None:

@@ -86,9 +86,9 @@ class Version(argparse.Action):
 
 
 def seed(text: str) -> int:
-    """Parse the text of an option to a random seed, 0 to 2**31 - 1.
+    """Parse an option's text to a random seed, a whole number from 0 to 2**31 - 1.
 
-    Raises ArgumentTypeError; use it as an argparse type.
+    For argparse's `type`; raises ArgumentTypeError for any other text.
     """
     if not (text.isdecimal() and int(text) < 1 << 31):
         raise argparse.ArgumentTypeError(f"{text!r}: use a whole number from 0 to {(1 << 31) - 1}")

@@ -50,7 +50,7 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     verb.add_argument(
         "--soon",
         action="store_true",
-        help="every certificate that ends within 14 days; if its lifetime is under 6 weeks, in its last third",
+        help="renew every certificate that ends within 14 days; if its lifetime is under 6 weeks, in its last third",
     )
     verb.add_argument("--days", type=int, help="lifetime in days from now (default: as before)")
     verb = _verb(inner, "revoke", _revoke, "revoke a certificate, for example after its key was stolen", 1)

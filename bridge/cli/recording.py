@@ -163,7 +163,7 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
         action="append",
         default=[],
         metavar="DEVICE=BODY",
-        help="for .sto: the body of the model; repeatable",
+        help="for .sto: body of the model on which a device is worn; repeatable",
     )
     verb.add_argument(
         "--skip", type=float, default=0.0, metavar="S", help="for .sto: seconds to leave out at the beginning"

@@ -23,7 +23,7 @@ def faults(wards: Mapping[Path, Root], routers: Sequence[RouterFile], now: datet
     """Compare ward files with each other, with their certificates and with the routers' rules; return all faults.
 
     Each fault is a sentence that begins with the file.
-    wards: content of the ward files, by path. now: time, with time zone, at which certificates must be valid.
+    wards: content of the ward files, by path. now: datetime with time zone at which certificates must be valid.
     """
     return [
         *(f"{router.path}: {words}" for router in routers for words in _of_router(router, now)),

@@ -32,7 +32,7 @@ def faults(router: RouterFile) -> Iterator[str]:
 
 
 def reaches(endpoint: str, router: RouterFile) -> bool:
-    """Whether an endpoint such as `tls/ward-3.example:7447` leads to this router.
+    """Return whether an endpoint such as `tls/ward-3.example:7447` leads to this router.
 
     The protocol and port must be the same; the host must be in the router's certificate, else in its listen addresses.
     """
@@ -57,7 +57,7 @@ def host_of(endpoint: str) -> str:
 
 
 def is_for(certified: str, host: str) -> bool:
-    """Whether a name in a certificate matches a host. A leading `*.` stands for one part: `*.ward.example`."""
+    """Return whether a name in a certificate matches a host. A leading `*.` stands for one part: `*.ward.example`."""
     name = certified.lower()
     return name == host or (name.startswith("*.") and name[2:] == host.partition(".")[2])
 

@@ -79,9 +79,9 @@ def listening(address: str) -> tuple[str, int]:
 
 
 def clash(address: str, other: str) -> bool:
-    """Whether two listen addresses `HOST:PORT` on one machine conflict.
+    """Return whether two listen addresses `HOST:PORT` on one machine conflict.
 
-    They do if the ports are equal, and the hosts are equal or one of them stands for all addresses.
+    Two addresses conflict if the ports are equal, and the hosts are equal or one of them stands for all addresses.
     """
     (host, port), (there, its) = (listening(one.replace("localhost", "127.0.0.1")) for one in (address, other))
     return port == its and (host == there or not {host, there}.isdisjoint(ANYWHERE))
@@ -121,7 +121,7 @@ class Bus(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
     @property
     def certified(self) -> bool:
-        """Whether the table names certificates, which programs then show to the routers."""
+        """True if the table names certificates, which programs then show to the routers."""
         return bool(self.pki or self.key)
 
     def every(self) -> list[Routers]:
@@ -206,9 +206,9 @@ class Device:
 
     @classmethod
     def from_table(cls, table: dict[str, Any]) -> Self:
-        """Build a device from its TOML table. Raises ValueError.
+        """Build a device from its TOML table: the keys `id` and `driver`, and the options of that driver.
 
-        The keys are `id`, `driver`, and the options of that driver.
+        Raises ValueError for a missing or invalid id, an unknown driver, and an invalid option.
         """
         rest = dict(table)
         for key in ("id", "driver"):
@@ -221,7 +221,7 @@ class Device:
         return cls(device, name, options(rest, kinds[name].options))
 
     def __eq__(self, other: object) -> bool:
-        """Whether both tables say the same."""
+        """Return whether both tables have the same id, driver and options."""
         return isinstance(other, Device) and self._told == other._told
 
     def __hash__(self) -> int:

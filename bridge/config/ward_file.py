@@ -1,7 +1,8 @@
 """The ward file of a running program: read again when it changes, and refused whole where it is invalid.
 
-A program looks at its own file, so a reload needs no command, no right and no new message. The program tells on the bus
-which content of the file it has read last, and what of it took effect: `truerate reload` and `truerate doctor` ask.
+A program looks at its own file, so a reload needs no command, no right and no new message. On the bus, each program
+answers which content of the file it has read last, and which settings took effect: `truerate reload` and `truerate
+doctor` ask.
 """
 
 import hashlib

@@ -5,7 +5,7 @@ from enum import Enum
 
 
 class Level(Enum):
-    """Severity of a finding: OK; WARNING, it works today; TROUBLE, it does not work."""
+    """Severity of a finding: OK; WARNING, it works now but may fail; TROUBLE, it does not work."""
 
     OK = "ok"
     WARNING = "warning"

@@ -58,7 +58,7 @@ class Guess:
 
     @property
     def understood(self) -> bool:
-        """Whether enough was understood to accept this candidate: 5 samples, and half of the data."""
+        """True if enough was understood to accept this candidate: 5 samples, and half of the data."""
         return self.samples >= _FEWEST and self.share >= _SHARE
 
 

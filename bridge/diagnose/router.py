@@ -79,5 +79,5 @@ def router(endpoints: Sequence[str], open_bus: Callable[[Sequence[str]], Bus] = 
 
 
 def answers(findings: Sequence[Finding]) -> bool:
-    """Whether one of the routers answered, by the findings of `router`."""
+    """Return whether one of the routers answered, by the findings of `router`."""
     return any(finding.level is Level.OK for finding in findings)

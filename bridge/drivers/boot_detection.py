@@ -43,10 +43,11 @@ class BootDetector:
     """Assigns samples to boots and unwraps their ticks, for devices that send no boot number.
 
     Pure: times are arguments.
-    Taking two boots for one is dangerous, because a calibration would continue. Taking one boot for two costs a
-    calibration. So anything that a clock restarted at power-up could explain is a new boot, once three samples agree.
-    Exception: a boot that lasted under two seconds looks like datagrams overtaking each other.
-    A device whose clock continued while its port was closed is still in the same boot.
+    To mistake two boots for one is dangerous: the calibration of the first would continue. To mistake one boot for two
+    costs a calibration. So anything that a clock restarted at power-up could explain is a new boot, once three samples
+    agree.
+    Exception: a boot that lasted under two seconds looks like datagrams overtaking each other. A device whose clock
+    continued while its port was closed is still in the same boot.
 
     tick_period_s: seconds per tick, None without a clock. The clock wraps at 2**tick_bits. draw: makes boot numbers.
     number: the boot number, 0 before the first sample. cause: how the boot was detected.
@@ -101,7 +102,7 @@ class BootDetector:
         return self._goes_on(self._last, step, tick, receive_time_ns)
 
     def _fits(self, step: int, passed_s: float, tick: int) -> bool:
-        """Whether a clock that did not restart can advance by `step` ticks in passed_s seconds of host time."""
+        """Return whether a clock that did not restart can advance by `step` ticks in passed_s seconds of host time."""
         period_s = self._period_s or 0.0
         step_s = step * period_s
         behind_s, slack_s = passed_s - step_s, _AHEAD_S + _SKEW * passed_s
@@ -130,7 +131,7 @@ class BootDetector:
         return expected + (plain - expected + half) % self._whole - half, passed_s
 
     def _confirmed(self, tick: int) -> bool:
-        """Whether enough odd times in a row agree with each other."""
+        """Return whether enough odd times in a row agree with each other."""
         if self._odd and not 0 <= (tick - self._odd[-1]) * (self._period_s or 0.0) <= _AGREE_S:
             self._odd.clear()
         self._odd.append(tick)

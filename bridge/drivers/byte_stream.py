@@ -72,14 +72,16 @@ class StreamDriver:
         self.bytes_in = self.samples_in = 0
 
     def open(self) -> None:
-        """Open the transport and reset the decoder. Raises DeviceUnavailable."""
+        """Open the transport and reset the decoder. Raises DeviceUnavailable if the transport cannot be opened now."""
         self._transport.open()
         self._unread.clear()
         self.bytes_in = self.samples_in = 0
         self._decoder.opened()
 
     def read(self, timeout_s: float) -> list[Event]:
-        """Send what the decoder wants sent, then return the events of the bytes that arrived. Raises DeviceLost.
+        """Send the decoder's pending bytes, then return the events of the bytes that arrived.
+
+        Raises DeviceLost if the device has gone.
 
         timeout_s: seconds to wait at most for the first byte.
         """

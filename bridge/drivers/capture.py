@@ -25,11 +25,11 @@ def load_capture(path: Path, driver: str, profile: str, reading: Reading) -> Rec
     """Decode a capture (file of a device's raw bytes) by a driver, or by a text profile, into a recording of one boot.
 
     driver, profile: names; one is empty. reading: properties missing in the file, such as rate and boot.
-    Raises RecordingError, and ConfigError for an unknown driver or profile.
+    Raises RecordingError for an unreadable file or one without samples, ConfigError for an unknown driver or profile.
     """
     check_file(path)
     if path.stat().st_size > MAX_BYTES:
-        raise RecordingError(f"{path}: {path.stat().st_size} bytes; at most {MAX_BYTES} are allowed")
+        raise RecordingError(f"{path}: the file has {path.stat().st_size} bytes; at most {MAX_BYTES} are allowed")
     make = _decoder(path, driver, profile, reading)
     data = path.read_bytes()
     events, faults = _decoded(make(), data)

@@ -93,7 +93,7 @@ class Driver(Protocol):
     place: str
 
     def open(self) -> None:
-        """Open the device. Raises DeviceUnavailable; opening may be tried again."""
+        """Open the device. Raises DeviceUnavailable if it cannot be opened now; the caller may try again."""
 
     def read(self, timeout_s: float) -> list[Event]:
         """Return the events that arrived, waiting at most timeout_s for the first; [] if none. Called from one thread.

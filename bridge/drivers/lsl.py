@@ -35,7 +35,7 @@ _STEPS, _UNEVEN = 500, 0.1
 
 
 def available() -> bool:
-    """Whether pylsl, the package that receives LSL streams, is installed."""
+    """Return whether pylsl, the package that receives LSL streams, is installed."""
     return importlib.util.find_spec("pylsl") is not None
 
 
@@ -155,7 +155,10 @@ class LslDriver:
         self._steps, self._last_s, self._uneven = [], 0.0, False
 
     def read(self, timeout_s: float) -> list[Event]:
-        """Return the events of the samples that arrived, waiting at most timeout_s for the first. Raises DeviceLost."""
+        """Return the events of the samples that arrived, waiting at most timeout_s for the first.
+
+        Raises DeviceLost if the stream has ended.
+        """
         inlet, channels = self._inlet, self._channels
         if inlet is None or channels is None or self._closed.is_set():
             raise DeviceLost(Code.CLOSED(place=self.place))

@@ -30,7 +30,7 @@ _MAX_SYSTEMS: Final = 8  # named in a notice
 
 
 def available() -> bool:
-    """Whether pymavlink, the package that decodes MAVLink, is installed."""
+    """Return whether pymavlink, the package that decodes MAVLink, is installed."""
     return importlib.util.find_spec("pymavlink") is not None
 
 
@@ -54,8 +54,8 @@ class MavlinkOptions(StreamOptions, frozen=True, forbid_unknown_fields=True, kw_
 class MavlinkDecoder(Decoder):
     """Decoder of one MAVLink system's inertial messages. A boot is detected by a clock that went back.
 
-    system: id of the system, 1 to 255; 0 takes the first heard. Then the system is fixed, so that another device on the
-    line cannot be mistaken for this one.
+    system: id of the system, 1 to 255; 0 takes the first that sends. Then the system is fixed, so that another device
+    on the line cannot be mistaken for this one.
     """
 
     def __init__(self, system: int = 0) -> None:
@@ -123,7 +123,7 @@ class MavlinkDecoder(Decoder):
             self._know(replace(self._about, firmware=f"{major}.{minor}.{patch}"))
 
     def _is_ours(self, message: Any) -> bool:
-        """Whether an inertial message is of the selected system; the first message selects it."""
+        """Return whether an inertial message is of the selected system; the first message selects it."""
         system = message.get_srcSystem()
         if len(self._heard) < _MAX_SYSTEMS:
             self._heard[system] = None
@@ -139,7 +139,10 @@ class MavlinkDecoder(Decoder):
         return bool(message.get_srcSystem() == self._system and message.get_srcComponent() in {self._component, None})
 
     def _is_best(self, kind: str) -> bool:
-        """Whether no better kind of message is sent; a better kind restarts the assembly, because its clock differs."""
+        """Return whether the device sends no better kind of message.
+
+        A better kind restarts the assembly, because its clock differs.
+        """
         unknown = kind == "RAW_IMU" and self._autopilot != _ARDUPILOT
         if unknown or (self._message and _RANKS.index(kind) < _RANKS.index(self._message)):
             self.faults.add(OTHER_MESSAGE)
@@ -174,7 +177,7 @@ class MavlinkDecoder(Decoder):
         self._held += 1
 
     def _battery_of(self, kind: str, message: Any) -> None:
-        """Note the battery of the selected system; any of its components may tell it. -1 is unknown."""
+        """Note the battery of the selected system; any component of the system may send it. -1 is unknown."""
         first = kind == "SYS_STATUS" or message.id == 0
         ours = first and message.get_srcSystem() == self._system
         known = 0 <= message.battery_remaining <= 100

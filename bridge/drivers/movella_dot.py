@@ -1,6 +1,6 @@
 """Driver for Movella (Xsens) DOT sensors, over Bluetooth Low Energy.
 
-The sensor measures only while told to: the driver sets its output rate, starts the measurement with a payload that has
+The sensor measures only on command: the driver sets its output rate, starts the measurement with a payload that has
 rates, and starts it again after a silence. Source: Movella DOT BLE Service Specification, XD0506P.
 """
 
@@ -90,7 +90,7 @@ class MovellaDotOptions(StreamOptions, frozen=True, forbid_unknown_fields=True, 
 class MovellaDotDecoder:
     """Decoder of a Movella DOT's values, in frames of `bridge.framing.gatt_values`.
 
-    It also sets the rate and starts the measurement; without options, and on a file, it only listens.
+    The decoder also sets the rate and starts the measurement; without options, and on a file, it only listens.
     """
 
     def __init__(self, options: MovellaDotOptions | None = None) -> None:

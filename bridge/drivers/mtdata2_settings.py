@@ -30,11 +30,11 @@ class Settings(RequestQueue):
 
     @property
     def settled(self) -> bool:
-        """Whether all queries and settings are answered, or were given up."""
+        """True if all queries and settings are answered, or were given up."""
         return self._given_up or self.key is None
 
     def begin(self, *, woken: bool = False) -> None:
-        """Start all queries and settings anew: the device was opened, or reported a boot (woken)."""
+        """Restart all queries and settings: the device was opened, or reported a boot (woken)."""
         self._given_up = False
         self.clear()
         if woken:

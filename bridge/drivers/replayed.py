@@ -73,7 +73,7 @@ class Playback:
 
     @property
     def over(self) -> bool:
-        """Whether all segments have been played to their end."""
+        """True if all segments have been played to their end."""
         return self._at >= len(self._takes)
 
     def wait_s(self, elapsed_s: float) -> float:
@@ -132,7 +132,7 @@ def _recorded(path: Path) -> Recorded:
     except OSError as error:
         raise RecordingError(f"{path}: {os_errors.why(error)}") from None
     if state.st_size > MAX_BYTES:
-        raise RecordingError(f"{path}: {state.st_size} bytes; at most {MAX_BYTES} are allowed")
+        raise RecordingError(f"{path}: the file has {state.st_size} bytes; at most {MAX_BYTES} are allowed")
     with _reading:
         return _read(path, state.st_mtime_ns)
 
@@ -172,7 +172,7 @@ class ReplayedDriver:
         self._start_s = 0.0
 
     def open(self) -> None:
-        """Load the recording and start it from its beginning. Raises DeviceUnavailable."""
+        """Load the recording and start it from its beginning. Raises DeviceUnavailable if it cannot be played."""
         try:
             takes = _takes(self._options)
         except RecordingError as error:

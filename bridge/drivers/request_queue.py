@@ -41,7 +41,7 @@ class RequestQueue:
 
     @property
     def sending(self) -> bool:
-        """Whether commands wait to be fetched by `command`."""
+        """True if commands wait to be fetched by `command`."""
         return bool(self._commands)
 
     def add(self, key: int | str, *commands: bytes) -> None:
@@ -50,7 +50,7 @@ class RequestQueue:
             self._open.append(_Request(key, commands))
 
     def tell(self, *commands: bytes) -> None:
-        """Queue commands for which no answer is awaited."""
+        """Queue commands that the device does not answer."""
         self._commands += commands
 
     def answered(self) -> None:

@@ -109,7 +109,7 @@ class SampleAssembler:
 
         tick: of the device's clock (ignored without a clock). gyro in rad/s, accel in m/s², temperature_c in °C.
         receive_time_ns: host time of its arrival.
-        missing: samples known to be lost before this sample; the clock tells by itself where there is one.
+        missing: samples known to be lost before this sample; 0 for a device with a clock, whose ticks show them.
         clipped: the device reports this sample as clipped.
         """
         placed = self._boots.observe(tick, receive_time_ns)

@@ -1,6 +1,6 @@
-"""Driver for Shimmer3 sensors with LogAndStream firmware, over Bluetooth's serial port (RFCOMM) or Bluetooth Low Energy.
+"""Driver for Shimmer3 sensors with LogAndStream firmware, over Bluetooth's serial port (RFCOMM) or Low Energy.
 
-The device streams only while told to: the driver queries what it sends and how it is calibrated, turns the CRC on, starts
+The device streams only on command: the driver queries the device's channels and calibration, turns the CRC on, starts
 the stream, and starts it again after a silence.
 """
 
@@ -53,7 +53,7 @@ class Shimmer3Options(StreamOptions, frozen=True, forbid_unknown_fields=True, kw
 class Shimmer3Decoder:
     """Decoder of a Shimmer3, which it also queries and starts.
 
-    Without options, and on a file, it only listens: samples are decoded after the answers that it hears.
+    Without options, and on a file, it only listens: samples are decoded once the answers with their layout have come.
     """
 
     def __init__(self, options: Shimmer3Options | None = None) -> None:
@@ -71,7 +71,7 @@ class Shimmer3Decoder:
         self.opened()
 
     def opened(self) -> None:
-        """Reset for a newly opened port, and query and start the device anew."""
+        """Reset for a newly opened port, and query and start the device again."""
         self._frames.opened()
         self._assembly.opened()
         self._heard_ns = self._battery_ns = 0
@@ -122,7 +122,7 @@ class Shimmer3Decoder:
         requests.add(_START, b"\x07")
 
     def _awaits_ack(self) -> bool:
-        """Whether the open request is answered by an acknowledgement alone; that of the CRC carries one."""
+        """Return whether the open request is answered by an acknowledgement alone; that of the CRC carries one."""
         key = self._requests.key
         return isinstance(key, str) and (key != _CRC or self._frames.checked)
 
@@ -181,7 +181,7 @@ class Shimmer3Decoder:
         return [Notice("calibration", None if stored else Code.GYRO_NOT_CALIBRATED())]
 
     def _inquired(self, data: bytes) -> list[Event]:
-        """Learn the layout of the data packets."""
+        """Read the layout of the data packets from the inquiry's answer."""
         self._frames.packet, self._gyro, self._accel = 0, None, None
         channels = data[8:]
         ticks = int.from_bytes(data[:2], "little")

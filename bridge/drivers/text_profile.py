@@ -127,7 +127,7 @@ class TextDecoder(Decoder):
         return round(self._told * self._tick_s * 1e9)
 
     def _is_banner(self, text: str) -> bool:
-        """Whether the line is a boot banner; stores the model, firmware, range and rate it names."""
+        """Return whether the line is a boot banner; stores the model, firmware, range and rate it names."""
         match = next((match for banner in self._banners if (match := banner.search(text))), None)
         if match is None:
             return False

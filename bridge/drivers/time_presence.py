@@ -6,8 +6,8 @@ _SURE, _CHANGED = 2, 32  # consecutive samples: to decide first, to change the d
 class TimePresence:
     """Decides whether a device's samples carry a time.
 
-    tells: the decision, None until it is clear. in_a_row: number of the latest consecutive samples that agree with each
-    other.
+    tells: True if samples carry a time; None until enough samples agree. in_a_row: number of the latest consecutive
+    samples that agree with each other.
     """
 
     def __init__(self) -> None:
@@ -22,9 +22,9 @@ class TimePresence:
         return timed == self.tells
 
     def settle(self) -> bool:
-        """Decide by the latest samples, if enough agree: 2 at first, 32 to change the decision.
+        """Decide whether samples carry a time, if enough of the latest agree: 2 at first, 32 to change the decision.
 
-        Return whether it was made.
+        Return whether a decision was made.
         """
         if self.in_a_row < (_SURE if self.tells is None else _CHANGED):
             return False

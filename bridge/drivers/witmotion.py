@@ -77,7 +77,7 @@ class WitMotionDecoder:
         self.opened()
 
     def opened(self) -> None:
-        """Reset for a newly opened port; the device is queried anew."""
+        """Reset for a newly opened port; the device is queried again."""
         self._frames.opened()
         self._cycles.opened()
         self._assembly.opened()
@@ -130,7 +130,10 @@ class WitMotionDecoder:
         self._assembly.add(sample.time_ms or 0, sample.gyro, sample.accel, celsius, receive_time_ns=receive_time_ns)
 
     def _fits(self, *, timed: bool, now_ns: int) -> bool:
-        """Whether a timed or untimed sample can be assembled: once it is decided whether the device sends its time."""
+        """Return whether a sample with time (`timed`) or without can be assembled.
+
+        It can once the device's way is decided.
+        """
         if self._timed.fits(timed=timed):
             return True
         if self._timed.tells and self._timed.in_a_row == _FORGOTTEN and self._asked:

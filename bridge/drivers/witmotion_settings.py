@@ -46,7 +46,7 @@ class Settings(RequestQueue):
         super().__init__(_AGAIN_S, _TIMES, self._unanswered, _SPACING_S)
 
     def begin(self, *, checked: bool) -> None:
-        """Start all queries anew: the device was opened, or has booted.
+        """Restart all queries: the device was opened, or has booted.
 
         checked: the device speaks the serial form with checksums.
         """
@@ -58,7 +58,7 @@ class Settings(RequestQueue):
 
     @property
     def settled(self) -> bool:
-        """Whether all queries but that of the battery are answered, and no command waits to be sent."""
+        """True if all queries but that of the battery are answered, and no command waits to be sent."""
         return self.key in (None, BATTERY) and not self.sending
 
     def passed(self, now_ns: int) -> list[Notice]:

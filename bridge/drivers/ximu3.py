@@ -62,7 +62,7 @@ class Ximu3Decoder:
         self.opened()
 
     def opened(self) -> None:
-        """Reset for a newly opened port, and query the device anew."""
+        """Reset for a newly opened port, and query the device again."""
         self._lines.opened()
         self._assembly.opened()
         self._ask()
@@ -143,7 +143,7 @@ class Ximu3Decoder:
         )
 
     def _waits(self, now_ns: int) -> bool:
-        """Whether the device is not identified and set yet; a stored calibration is looked up by the name."""
+        """Return whether the device is not identified and set yet; a stored calibration is looked up by the name."""
         waits = not self._boot and self._settings.key is not None
         return waits and now_ns - self._first_ns < _PATIENCE_NS
 

@@ -41,7 +41,7 @@ class Settings(RequestQueue):
         super().__init__(_AGAIN_S, _TIMES, self._unanswered)
 
     def ask(self) -> None:
-        """Start all queries anew: the device was opened, or has booted."""
+        """Restart all queries: the device was opened, or has booted."""
         self.clear()
         for key in _ASKED:
             self.add(plain(key), _command(key, None))

@@ -13,7 +13,7 @@ GARBAGE = "bytes_between_frames"
 class FrameScanner:
     """Splits a byte stream into frames: any chunking of bytes in, whole frames out; counts faults, with bounded memory.
 
-    A subclass tells by `_size` what a frame is.
+    A subclass gives the size of a frame by `_size`.
     """
 
     def __init__(self, faults: Tally) -> None:

@@ -9,7 +9,7 @@ LINE_FEED, ANY_END = b"\n", b"\r\n"
 class Line(NamedTuple):
     """One line of a byte stream, without its end.
 
-    begun: the first line after opening, perhaps only the end of a line. too_long: the line was cut.
+    begun: the first line after opening, whose beginning may be missing. too_long: the line was cut.
     """
 
     data: bytes

@@ -135,12 +135,15 @@ class ShimmerFrames(FrameScanner):
             yield _Shape(held[at], at + 1, _SIZES[held[at]])
 
     def _sum_fits(self, end: int) -> bool | None:
-        """Whether the CRC of the first `end` bytes follows; None if it is not complete yet."""
+        """Return whether the CRC of the first `end` bytes follows; None if it is not complete yet."""
         held = self._bytes
         return None if len(held) < end + 2 else crc(bytes(held[:end])) == held[end : end + 2]
 
     def _looks_right(self, shape: _Shape, end: int) -> bool | None:
-        """Whether a frame without CRC is complete and, if it is a data packet, followed by one in time; None if unknown."""
+        """Return whether a frame without CRC is complete; None if unknown.
+
+        A data packet also needs a packet in time after it.
+        """
         held = self._bytes
         if shape.kind != DATA:
             if self._dropped and not (self.awaiting_ack and shape.kind == ACK):

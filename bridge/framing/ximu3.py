@@ -76,7 +76,7 @@ def plain(key: str) -> str:
 def decode(line: bytes) -> Message | None:
     """Decode one line (without its end) as an x-IMU3 message; None if it is of an ignored kind.
 
-    Raises BadPacket with the label to count.
+    Raises BadPacket, with the label to count, for a damaged line.
     """
     if line[0] == ord("{"):
         return _reply(line)

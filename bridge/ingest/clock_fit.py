@@ -28,9 +28,8 @@ class ClockFit:
 
     rate: host seconds per device second.
     rate_error: half of the rate's 95 % interval, if the lateness is equally distributed at all times; infinite until
-    measured.
-    A host clock set back is followed at once. A host clock set forward, or a lasting new delay, is followed after some
-    seconds. A delay that is caught up changes nothing.
+    measured. `rate` is dimensionless. A host clock set back is followed at once. A host clock set forward, or a lasting
+    new delay, is followed after some seconds. A delay that is caught up changes nothing.
     """
 
     def __init__(self) -> None:
@@ -46,12 +45,12 @@ class ClockFit:
 
     @property
     def measured(self) -> bool:
-        """Whether `rate` has been measured; until then it is assumed to be 1."""
+        """True if `rate` has been measured; until then it is assumed to be 1."""
         return self.rate_error < inf
 
     @property
     def sure(self) -> bool:
-        """Whether the rate is known to 0.5 %, so that a sample's lateness can be told from a rate error."""
+        """True if the rate is known to 0.5 %, so that a sample's lateness can be told from a rate error."""
         return self.rate_error < _SURE * self.rate
 
     def observe(self, device_s: float, receive_time_ns: int) -> None:

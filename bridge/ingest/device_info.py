@@ -56,7 +56,7 @@ class DeviceInfoBuilder:
         boot: published boot number. timeline: measured rate and notices about time. samples: number published in this
         boot.
         dropped, events: counts by label. trouble: why the device cannot be read; () if it can.
-        Before the device has identified itself (identity None), boot is 0 and a trouble says so.
+        Before the device has identified itself (identity None), boot is 0 and `trouble` gives the reason.
         """
         device, bridge, driver, place = self._names
         known, of_time = identity or _NOBODY, timeline.notices(identity) if identity else {}

@@ -105,7 +105,7 @@ class DeviceThread:
             self._driver.close()  # ends a pending read
             self._thread.join(timeout_s)
             if self._thread.is_alive():
-                _log.error("%s: the driver does not stop", self.device)
+                _log.error("%s: the driver does not stop, and its thread is left running", self.device)
         self._complaint = reason or self._complaint
 
     def _run(self) -> None:

@@ -74,7 +74,7 @@ class Intake:
 
     @property
     def has_clock(self) -> bool:
-        """Whether the device is known to have a clock; without one, only receive times are known."""
+        """True if the device is known to have a clock; without one, only receive times are known."""
         return self._identity is not None and self._identity.has_clock
 
     def take(self, event: Event) -> list[SampleBatch]:

@@ -61,6 +61,6 @@ def _one(group: list[SampleBatch]) -> SampleBatch:
 
 
 def column(parts: Sequence[NDArray[T] | None]) -> NDArray[T] | None:
-    """Concatenate the parts of a column along the samples; None if no part has the column."""
+    """Concatenate the parts of a column, (n,) or (n, 3) each, along the samples; None if no part has the column."""
     present = [part for part in parts if part is not None]
     return np.concatenate(present) if present else None

@@ -68,7 +68,7 @@ def _limit(gyro_range: float) -> float:
 
 
 def within(column: NDArray[np.floating], limit: float) -> bool:
-    """Whether all magnitudes in a column are at most `limit`; false for NaN."""
+    """Return whether all magnitudes in a column (n, …) are at most `limit`, in the column's unit; false for NaN."""
     # A sum of squares below the squared limit proves it: the usual case, at a third of the cost.
     if column.size <= _FEW and np.vdot(column, column) <= _SURELY * limit * limit:
         return True

@@ -64,7 +64,7 @@ class DevicePublisher:
         self._said_at_s = self._looked_at_s = float("-inf")
 
     def looks(self, now_s: float) -> bool:
-        """Whether it is time again, every 0.2 s, to check for a changed DeviceInfo. now_s: monotonic time.
+        """Return whether it is time again, every 0.2 s, to check for a changed DeviceInfo. now_s: monotonic time.
 
         A true answer starts the next 0.2 s.
         """
@@ -148,7 +148,7 @@ class Pump:
 
     @property
     def over(self) -> bool:
-        """Whether every device has ended for good, as played recordings do."""
+        """True if every device has ended for good, as played recordings do."""
         return all(thread.over for thread, _ in self._all)
 
     @property
@@ -177,7 +177,7 @@ class Pump:
     def change(self, devices: Sequence[Device]) -> None:
         """Run these devices from now on: stop those not listed unchanged, and start the new ones.
 
-        The others go on untouched. The stopped devices' last samples are published.
+        Unchanged devices keep running. The stopped devices' last samples are published.
         """
         gone = [self._devices.pop(device) for device in self._devices.keys() - set(devices)]
         self._list()

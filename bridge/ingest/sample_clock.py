@@ -25,7 +25,7 @@ class SampleTimes(NamedTuple):
 
     ticks (n,): rising, of tick_period_s each. clock_rate: host seconds per second of ticks.
     device_s (n,): times by the device's clock, s. last_ns: host time of the last sample, ns since the Unix epoch.
-    ns_per_s: host ns per device second. judged: whether lateness can be judged.
+    ns_per_s: host ns per device second. judged: the clock fit is good enough to tell late samples.
     """
 
     ticks: Counts
@@ -74,7 +74,7 @@ class SampleClock:
         return self._silences.missing
 
     def hold(self, readings: Readings, last_tick: int, identity: Identity) -> list[Readings]:
-        """Return the readings, held and new, that may be taken now; some wait after a silence without a device clock.
+        """Return the readings, held and new, to publish now; without a device clock, some wait after a silence.
 
         last_tick: unwrapped tick of the last new sample.
         """
@@ -107,7 +107,10 @@ class SampleClock:
         return said
 
     def stamps(self, ticks: Counts, receive_time_ns: int, identity: Identity) -> SampleTimes:
-        """Return the times of good samples from unwrapped, rising ticks (n,); the last one was observed before."""
+        """Return the times of good samples from unwrapped, rising ticks (n,); `observe` has seen the last one.
+
+        receive_time_ns: host time at which the last one was received. identity: gives the tick period.
+        """
         rate = self.clock.rate
         device_s = np.asarray(ticks * identity.tick_period_s, np.float64)
         # A sample cannot be received before it was taken, whatever the fit says.

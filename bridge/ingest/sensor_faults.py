@@ -117,7 +117,7 @@ class Repeats:
         return stuck
 
     def _repeats(self, gyro: Floats) -> bool:
-        """Whether any of the next readings repeats the reading before it."""
+        """Return whether any of the next readings repeats the reading before it."""
         rows = gyro.tolist()
         if any(map(eq, rows, [*self._last.tolist(), *rows])):
             return True
@@ -150,7 +150,7 @@ class SelfRepetition:
         self._pairs, self._equal, self._tried, self._again = (np.zeros(3) for _ in range(4))
 
     def learn(self, gyro: Floats) -> None:
-        """Learn the sensor's noise and repeats from one second of readings (n, 3), rad/s, at rest."""
+        """Update the sensor's noise and repeats from one second of readings (n, 3), rad/s, at rest."""
         change = np.abs(np.diff(gyro, axis=0))
         step = np.where(change > 0, change, inf).min(axis=0)
         self._ten.append(np.sqrt(np.mean(change**2, axis=0)) / step)
@@ -197,7 +197,7 @@ class Warmth:
         self._believed: tuple[float, float] | None = None  # time s, °C
 
     def leapt(self, time_s: Floats, temperature_c: Floats) -> Bools:
-        """Return a mask (n,) of temperatures (n,) °C not to be believed, at time_s (n,), s.
+        """Return a mask (n,) of temperatures (n,) °C that are implausible, at device times time_s (n,), s.
 
         A new level is accepted once enough time has passed to reach it.
         """

@@ -43,7 +43,7 @@ class Pair:
 def new_authority(name: str, now: datetime, days: int = CA_DAYS) -> Pair:
     """Create a self-signed certificate authority and return its certificate and key.
 
-    name: its common name. now: UTC. days: validity in days; the validity begins 5 minutes before `now`.
+    name: its common name. now: datetime in UTC. days: validity in days; the validity begins 5 minutes before `now`.
     """
     key = ec.generate_private_key(ec.SECP256R1())
     made = _begun(name, _subject(name), key, now - EARLIER, now + timedelta(days=days), below=1)

@@ -61,9 +61,9 @@ def common_name(certificate: x509.Certificate) -> str:
 
 
 def hosts_of(certificate: x509.Certificate) -> list[str]:
-    """Return the host names and IP addresses in a router's or page's certificate; empty if it names none.
+    """Return the host names and IP addresses of a router's or page's certificate; empty if it names none.
 
-    They are its subject alternative names.
+    The certificate holds them as subject alternative names.
     """
     try:
         names = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
@@ -80,7 +80,7 @@ def signer(path: str) -> bytes:
     found = certificates(path)
     if len(found) < 2:
         raise ValueError(
-            f"{path} holds one certificate, and its issuer's should follow: restore the file, or run `truerate pki renew`"
+            f"{path} holds only one certificate; its issuer's must follow: restore the file, or run `truerate pki renew`"
         )
     return found[1].public_bytes(Encoding.PEM)
 
@@ -115,7 +115,8 @@ def faults(identity: Identity, now: datetime, roles: tuple[Role, ...] = tuple(Ro
     """Check an identity's certificate, key, chain and file permissions.
 
     Return all faults as sentences that begin with the file.
-    now: time, with time zone. roles: the accepted roles. Empty if the identity is valid at `now` for one of the roles.
+    now: datetime with time zone. roles: the accepted roles. Empty if the identity is valid at `now` for one of the
+    roles.
     """
     try:
         trusted = certificates(identity.ca)

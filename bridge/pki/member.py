@@ -22,7 +22,7 @@ class Role(Enum):
 
     @property
     def serves(self) -> bool:
-        """Whether other programs connect to the holder, by the hosts in its certificate.
+        """True if other programs connect to the holder, by the hosts in its certificate.
 
         True for a router and a page.
         """
@@ -76,6 +76,6 @@ class Member:
         made = cls(Role(role), name, int(generation) if generation.isascii() and generation.isdecimal() else 1)
         if made.common_name != text:
             raise ValueError(
-                f"{text!r} should end in the certificate's generation, a number from 2 such as ':2', or in nothing for the first"
+                f"{text!r} has no valid generation: end it in ':2' or a higher number; the first certificate has no number"
             )
         return made

@@ -5,7 +5,9 @@ from typing import NamedTuple, Self
 
 
 class Sentence(NamedTuple):
-    """A reason: a code and its parameters by name, formatted for display. The catalogue makes the text for a reader.
+    """A reason: a code and its parameters by name, each formatted as text.
+
+    The catalogue turns a sentence into the words of a language.
 
     A parameter's name ends in its unit (`angle_deg`, `duration_s`). The parameter named `label` is a label of the
     catalogue.

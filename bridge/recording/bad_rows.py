@@ -35,7 +35,7 @@ Place = Callable[[str, int, int], tuple[str, str]]
 def in_arrays(column: str, sample: int, _axis: int) -> tuple[str, str]:
     """Return the words that name a value of a file of arrays in an error: the column, and ` at sample N`.
 
-    It is the Place for files whose columns have no names of their own.
+    This function is the Place for files whose columns have no names of their own.
     """
     return repr(column), f" at sample {sample}"
 

@@ -91,7 +91,8 @@ class Session:
 def export_bids(recorded: Recorded, folder: Path, session: Session) -> list[Path]:
     """Write a BIDS-Motion dataset, or add a subject to an existing one; return the motion and event files written.
 
-    folder: of the dataset. No existing recording is overwritten. Raises RecordingError.
+    folder: of the dataset. Raises RecordingError if a file of the session exists already, two devices get the same
+    label, or the folder cannot be made.
     """
     systems = _systems(list(recorded.stretches))
     home = folder / session.folder

@@ -47,8 +47,8 @@ class Event(NamedTuple):
 def export(recorded: Recorded, folder: Path, ending: str) -> list[Path]:
     """Write a file per stretch (boot of a device) and events.csv to a folder, and return the files.
 
-    Raises RecordingError.
-    ending: format of the files, one of column_files.ENDINGS. No existing file is overwritten.
+    ending: format of the files, one of column_files.ENDINGS. Raises RecordingError if a file exists already or cannot
+    be written.
     """
     make_folder(folder)
     named = {
@@ -68,7 +68,7 @@ def export(recorded: Recorded, folder: Path, ending: str) -> list[Path]:
 
 
 def make_folder(folder: Path) -> None:
-    """Make a folder in an existing one, if it does not exist yet. Raises RecordingError."""
+    """Make a folder in an existing one, if it does not exist yet. Raises RecordingError if it cannot be made."""
     try:
         folder.mkdir(exist_ok=True)
     except FileNotFoundError:

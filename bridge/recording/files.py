@@ -48,7 +48,7 @@ class Output:
             raise FileNotFoundError(f"{with_part(self.path).name} was removed while it was being written")
 
     def finish(self) -> None:
-        """Sync and close the file, and give it its final name. Raises OSError."""
+        """Sync and close the file, and give it its final name. Raises OSError if the disk refuses."""
         self.sync()
         self.file.close()  # Windows renames no open file
         with_part(self.path).rename(self.path)
@@ -80,7 +80,7 @@ class Folder:
     def begin(self, wall_ns: int) -> Output:
         """Create a new file WARD-TIME.mcap.part, locked for writing. wall_ns: UTC in its name, ns since the Unix epoch.
 
-        Raises OSError.
+        Raises OSError if the file cannot be made.
         """
         name = f"{self._ward}-{datetime.fromtimestamp(wall_ns // 1_000_000_000, UTC):%Y%m%dT%H%M%SZ}"
         for number in range(1, 1000):

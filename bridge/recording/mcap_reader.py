@@ -51,7 +51,7 @@ class McapReader:
     """Reads the messages of one MCAP file, also of a torn or damaged one. Raises RecordingError if the file is no MCAP.
 
     file: binary and seekable. place: its name in errors. The following are complete after `entries` has ended.
-    finished: the file has its end. trouble: what is wrong with the file, for the user. good: bytes examined. size:
+    finished: the file has its end. trouble: faults of the file, as sentences. good: bytes examined. size:
     bytes in all. messages: number of messages read. facts: metadata by name. descriptors: schema data by schema name.
     """
 

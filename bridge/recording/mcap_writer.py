@@ -104,7 +104,7 @@ class McapWriter:
         return self._channels[topic, schema]
 
     def add(self, channel: int, log_ns: int, publish_ns: int, payload: bytes) -> None:
-        """Add one message to a channel; flush if more than HELD_BYTES are held. Raises OSError.
+        """Add one message to a channel; flush if more than HELD_BYTES are held. Raises OSError if that write fails.
 
         log_ns, publish_ns: log and publish time, ns since the Unix epoch.
         """
@@ -124,7 +124,10 @@ class McapWriter:
         self.pending = 0
 
     def finish(self) -> None:
-        """Write the pending messages, the summary and the end of the file, which is not closed. Raises OSError."""
+        """Write the pending messages, the summary and the end of the file, which is not closed.
+
+        Raises OSError if the write fails.
+        """
         self.flush()
         self._writer.finish()  # type: ignore[no-untyped-call]
         self._held.flush()

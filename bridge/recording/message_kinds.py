@@ -67,14 +67,17 @@ def topic(key: str) -> str:
 
 
 def log_ns(own_ns: int, now_ns: int) -> int:
-    """Return a message's log time in ns.
+    """Return a message's log time, ns since the Unix epoch: its own time `own_ns`, or the recorder's time `now_ns`.
 
-    Its own time, or the recorder's if the two differ by more than MAX_APART_NS.
+    The recorder's time is used if the two differ by more than MAX_APART_NS.
     """
     return own_ns if abs(own_ns - now_ns) <= MAX_APART_NS else now_ns
 
 
 def facts(key: str) -> dict[str, str]:
-    """Return a channel's metadata: its whole key (`key`), the ward, and the ids in the key by name. Raises Refusal."""
+    """Return a channel's metadata: its whole key (`key`), the ward, and the ids in the key by name.
+
+    Raises Refusal for an invalid key.
+    """
     place = keys.parse(key)
     return {"key": key, "ward": place.ward, **place.ids}

@@ -82,7 +82,7 @@ class PerSample:
 
 
 def write_copies(writer: McapWriter, copies: Iterable[Copy]) -> None:
-    """Write copies of samples to an MCAP file, with their sample times as log times. Raises OSError."""
+    """Write copies of samples to an MCAP file, with their sample times as log times. Raises OSError if the write fails."""
     for copy in copies:
         definition = messages.definition(messages.IMU)
         channel = writer.channel(copy.topic, messages.IMU, definition, copy.facts, encoding=ROS2)

@@ -86,7 +86,10 @@ def check_rate(path: Path, time_s: Floats, rate_hz: float) -> None:
 
 
 def check_gyro(path: Path, gyro: Floats, rate_hz: float) -> None:
-    """Raise RecordingError if rates (n, 3), rad/s, stay beyond any gyro's range; single spikes are repaired later."""
+    """Raise RecordingError if rates (n, 3), rad/s, stay beyond any gyro's range; single spikes are repaired later.
+
+    path: the file's name in the error. rate_hz: samples per second.
+    """
     if max(gyro.max(), -gyro.min()) <= ABSURD:
         return
     beyond = np.abs(gyro).max(axis=1) > ABSURD

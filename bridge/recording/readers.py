@@ -33,11 +33,12 @@ def load(
     boot: int | None = None,
     reading: Reading = AS_SAID,
 ) -> Recording:
-    """Read the recording of one device from a file, or from a folder of a format that is one. Raises RecordingError.
+    """Read the recording of one device from a file, or from a folder of a format that is one.
 
     rate_hz: output data rate in Hz; it replaces the file's times. device: which device, topic, stream or sensor of a file
     with several. boot: which boot, from 1. If given, these three replace the same options in `reading`.
     reading: further options, for what the file does not say or says wrongly.
+    Raises RecordingError if the file is unreadable, its data cannot be right, or a needed option is missing.
     """
     path = Path(path)
     reading = replace(
@@ -54,7 +55,7 @@ def load(
         )
     format_ = format_of(path)
     if format_.whole and (size := path.stat().st_size) > MAX_BYTES:
-        raise RecordingError(f"{path}: {size} bytes; at most {MAX_BYTES} are allowed")
+        raise RecordingError(f"{path}: the file has {size} bytes; at most {MAX_BYTES} are allowed")
     if reading.device is not None and not format_.streams:
         raise RecordingError(f"{path}: the file holds one device: leave --device out")
     if format_ is WARD:

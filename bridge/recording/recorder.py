@@ -50,7 +50,7 @@ class NoRoom(OSError):
 class Account:
     """Counts of recorded and lost messages, for progress and exit code.
 
-    heard: when each device last sent samples, in seconds of `take`'s clock, by device id.
+    heard: time at which each device last sent samples, by device id, in seconds of `take`'s clock.
     raw, corrected: number of readings and of corrected samples.
     closed_bytes: size of the files closed. files: their paths.
     """
@@ -136,7 +136,7 @@ class WardRecorder:
                 self._latest[message.key] = item
 
     def tick(self, wall_ns: int, now_s: float) -> None:
-        """Flush, begin a new file, retry after an error, or delete old files, as the time has come for each.
+        """Do the work that is due: flush, begin a new file, retry after an error, or delete old files.
 
         Call it several times a second.
         """
@@ -277,14 +277,14 @@ class WardRecorder:
             if left is not None and not removed:
                 account.files.append(left)
                 words = f" Earlier data is {recorded_in(left)}"
-        _log.error("%s. Recording has stopped, and goes on as soon as possible.%s", account.trouble, words)
+        _log.error("%s. Recording has stopped, and resumes as soon as possible.%s", account.trouble, words)
 
     def _try_again(self, wall_ns: int, now_s: float) -> None:
         try:
             self.begin(wall_ns, now_s)
         except OSError as error:
             self._retry_s = now_s + RETRY_S
-            _log.debug("still: %s", self.said(error))
+            _log.debug("recording is still stopped: %s", self.said(error))
             return
         self.account.trouble = ""
         if self._file is not None:

@@ -79,7 +79,7 @@ class Recording:
         """Make a recording from arrays sampled at rate_hz.
 
         gyro (n, 3): rad/s. accel (n, 3): specific force, m/s², or None. Both are in the device's frame and copied.
-        name is used in messages. Raises RecordingError.
+        name is used in messages. Raises RecordingError for a wrong shape, and for values that no IMU reads.
         """
         if not SLOWEST_HZ <= rate_hz <= FASTEST_HZ:
             raise RecordingError(

@@ -42,7 +42,8 @@ class WardFile:
     def put(self, item: Item, log_ns: int) -> bool:
         """Write a message, on a new channel for a new key. log_ns: log time, ns since the Unix epoch.
 
-        Returns False, and writes nothing, if there are too many channels in all or of its bridge. Raises OSError.
+        Returns False, and writes nothing, if there are too many channels in all or of its bridge. Raises OSError if the
+        write fails.
         """
         channel = self._channels.get(item.key)
         if channel is None:

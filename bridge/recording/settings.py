@@ -16,7 +16,7 @@ _SHORTEST_S, _SMALLEST_MB = 10.0, 1.0
 def seconds(text: str, key: str) -> float:
     """Parse a duration such as 90s, 10min, 1h or 1d to seconds; `never` is infinity.
 
-    key: name of the setting in the error. Raises ValueError.
+    key: name of the setting in the error. Raises ValueError for any other text.
     """
     if text == "never":
         return float("inf")

@@ -30,7 +30,7 @@ Singles = NDArray[np.float32]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stretch:
-    """Samples of one boot of a device, with rising sequence numbers and ticks (n,).
+    """n samples of one boot of a device, with rising sequence numbers (n,) and ticks (n,).
 
     boot: boot id. number: of the device's stretch, from 1. tick_period_s: seconds per tick.
     time_ns (n,): host time, ns since the Unix epoch. gyro (n, 3): rad/s.
@@ -70,7 +70,7 @@ class Stretch:
 
     @property
     def columns(self) -> Columns:
-        """Columns (n,), (n, 3) or (n, 4) by name: readings, what was computed, host_time_ns, sequence and flags."""
+        """Columns (n,), (n, 3) or (n, 4) by name: readings, computed rates, orientation, host_time_ns, sequence, flags."""
         found: Columns = {"t_s": self.time_s, "gyro_rad_s": self.gyro}
         if self.accel is not None:
             found["accel_m_s2"] = self.accel
@@ -94,7 +94,7 @@ class Stretch:
 class Recorded:
     """Content of recordings: the stretches of each device, by device id and in order of time, calibrations and notes.
 
-    trouble: what is wrong with the files, and which messages were not understood, for the user.
+    trouble: faults of the files, and messages that could not be decoded, as sentences.
     """
 
     stretches: dict[str, list[Stretch]]

@@ -46,9 +46,10 @@ class Table:
 
 
 def recording_of(path: Path, table: Table, reading: Reading) -> Recording:
-    """Make a Recording from a table: rows and times repaired, units checked, the boot chosen. Raises RecordingError.
+    """Make a Recording from a table: rows and times repaired, units checked, the boot chosen.
 
-    path: the file, for names and errors. reading: the options given by the user.
+    path: the file, for names and errors. reading: the options given by the user. Raises RecordingError if the data
+    cannot be right, or several boots and no choice.
     """
     columns, notes = dict(table.columns), list(table.notes)
     _check_shapes(path, columns)

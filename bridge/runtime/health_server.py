@@ -77,7 +77,7 @@ class HealthServer:
 
 
 def own_host(host: str, names: Container[str]) -> bool:
-    """Whether an HTTP Host header names this machine: by any address, or by one of `names`, in lower case.
+    """Return whether an HTTP Host header names this machine: by any address, or by one of `names`, in lower case.
 
     Any other name may belong to a foreign page directed to this machine's address (DNS rebinding).
     """
@@ -128,7 +128,7 @@ class _Server(ThreadingHTTPServer):
         super().shutdown_request(request)
 
     def handle_error(self, request: Any, client_address: Any) -> None:  # noqa: ARG002 - as the base has it
-        _log.debug("health: a request of %s failed", client_address, exc_info=True)
+        _log.debug("health: a request from %s failed", client_address, exc_info=True)
 
 
 class _Guests:

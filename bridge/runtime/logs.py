@@ -80,4 +80,4 @@ def _trace(formatter: logging.Formatter, record: logging.LogRecord) -> str:
 
 
 def _ended(kind: type[BaseException], error: BaseException | None, trace: TracebackType | None) -> None:
-    logging.getLogger("truerate").critical("it failed", exc_info=(kind, error or kind(), trace))
+    logging.getLogger("truerate").critical("the program failed", exc_info=(kind, error or kind(), trace))

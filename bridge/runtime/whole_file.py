@@ -12,7 +12,7 @@ _PRIVATE = 0o600
 def write(path: Path, content: bytes, mode: int, owner: tuple[int, int] | None = None) -> None:
     """Write a file whole: a crash leaves the complete new content or the old. mode: permission bits, such as 0o600.
 
-    owner: ids of its user and group, which only root may give. Raises OSError.
+    owner: ids of its user and group, which only root may give. Raises OSError if the file cannot be written.
     """
     beside = path.with_name(f".{path.name}.{os.getpid()}")
     try:
@@ -31,7 +31,7 @@ def write(path: Path, content: bytes, mode: int, owner: tuple[int, int] | None =
 def rewrite(path: Path, content: bytes) -> None:
     """Write a file whole, with the owner and mode that it has.
 
-    A new file belongs to the owner of its folder, who alone may read it. Raises OSError.
+    A new file belongs to the owner of its folder, who alone may read it. Raises OSError if the file cannot be written.
     """
     path = path.resolve()
     there = path.stat() if path.exists() else None

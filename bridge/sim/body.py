@@ -41,7 +41,7 @@ class Activity(IntEnum):
 
     @property
     def worn(self) -> bool:
-        """Whether the device is on skin during this activity."""
+        """True if the device is on skin during this activity."""
         return self not in (Activity.TABLE, Activity.HANDLED)
 
 
@@ -118,7 +118,7 @@ class Stretch:
     def angle(self, time_s: Array) -> Array:
         """Return the angle (n,), rad, by which the platform has turned at times (n,) s since the start.
 
-        Its rate is constant, except for the ramps at the start and end of each go.
+        The platform's rate is constant, except for the ramps at the start and end of each go.
         """
         begin, end, angle, ramp = self.goes.T
         u = np.clip(time_s[:, None], begin, end)

@@ -113,7 +113,7 @@ class Swing:
     def rotvec(self, time_s: Array) -> Array:
         """Return the rotation vector (n, 3), rad, at times (n,) in s, relative to the start of the piece.
 
-        Its slope is an upper bound of the body rate.
+        The rotation vector's slope is an upper bound of the body rate.
         """
         u = time_s / self.duration_s
         phase = 2 * np.pi * u[:, None] * np.arange(1, len(self.sine) + 1)

@@ -63,7 +63,7 @@ class PtyPort:
 
     @property
     def device_time_s(self) -> float:
-        """Seconds for which the device has been running, in its own time."""
+        """Seconds for which the device has been running, on its own clock."""
         return self._time_s
 
     def plug(self) -> None:

@@ -80,7 +80,7 @@ class Source(Protocol):
         """
 
     def pace(self, rate_hz: float) -> None:
-        """Set the sample rate from the next read until the next power-up, if the source supports it.
+        """Set the sample rate, Hz, from the next read until the next power-up, if the source supports it.
 
         `sensor` then has the actual rate.
         """

@@ -59,7 +59,7 @@ class TruthLog:
         parts = [truth[max(0, first - begin) : last + 1 - begin] for begin, truth in blocks]
         n = sum(len(part.rate) for part in parts)
         if n != last + 1 - first or n == 0:
-            raise LookupError(f"truth of samples {first} to {last} of boot {boot:016x} is not held ({n} of them are)")
+            raise LookupError(f"truth of samples {first} to {last} of boot {boot:016x} is not kept, only {n} of them")
         return TrueSamples(
             rate=np.concatenate([part.rate for part in parts]),
             attitude=np.concatenate([part.attitude for part in parts]),

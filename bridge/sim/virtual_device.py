@@ -114,7 +114,7 @@ class VirtualDevice:
 
     @property
     def finished(self) -> bool:
-        """Whether the device's source has ended and all its samples have been sent."""
+        """True if the device's source has ended and all its samples have been sent."""
         return self._now is not None and self._now.ended and not self._now.ready
 
     def reboot(self) -> None:

@@ -226,7 +226,7 @@ class ScaleFault(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     def said(self) -> Sentence:
         """Sentence for the user about the fault.
 
-        It states by how many percent the device reads low or high, why, and the scale that corrects it.
+        The sentence states by how many percent the device reads low or high, why, and the scale that corrects it.
         """
         code = Code.READS_LOW if self.factor > 1 else Code.READS_HIGH
         return code(percent=f"{100 * abs(1 - 1 / self.factor):.1f}", cause=self.cause, scale=f"{self.factor:g}")
@@ -277,7 +277,7 @@ class Profile(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     def columns(self) -> tuple[str, ...]:
         """Names of the columns, in order: of [csv], or the named groups of [regex].
 
-        Empty if only a header row tells.
+        Empty if only a header row names them.
         """
         if self.csv is not None:
             return self.csv.columns

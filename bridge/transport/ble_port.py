@@ -61,7 +61,7 @@ class BleLink:
         self._connection: Connection | None = None
 
     def open(self) -> None:
-        """Connect, after other devices' connection attempts. Raises DeviceUnavailable."""
+        """Connect, after other devices' connection attempts. Raises DeviceUnavailable if that fails."""
         self.close()
         inbox = Inbox(_MOST_BYTES)
         with self._lock:
@@ -96,7 +96,7 @@ class BleLink:
         return joined(heard)
 
     def write(self, data: bytes) -> None:
-        """Send data to the device. Raises DeviceLost, also if sending takes over a second."""
+        """Send data to the device. Raises DeviceLost if the connection has ended, or sending takes over a second."""
         connection, inbox = self._connection, self._inbox
         if connection is None or inbox is None:
             raise DeviceLost(Code.CLOSED(place=self.place))
@@ -155,7 +155,7 @@ class BlePort(BleLink):
 
 
 def parsed(address: str) -> Place:
-    """Parse the part of an address behind `ble://`. Raises ValueError with an example."""
+    """Parse the part of an address behind `ble://`. Raises ValueError, with an example, if it is invalid."""
     where, chosen = url.options(address, ("write",), EXAMPLE)
     device, _, characteristic = where.partition("/")
     return Place(

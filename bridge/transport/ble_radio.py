@@ -34,13 +34,13 @@ class Connection(Protocol):
     """Connection to one BLE device."""
 
     async def listen(self, characteristic: str, heard: Callable[[bytes], None]) -> None:
-        """Call `heard` with each notification of a characteristic, in order; raises RadioFault."""
+        """Call `heard` with each notification of a characteristic, in order. Raises RadioFault if the device refuses."""
 
     async def write(self, characteristic: str, data: bytes) -> None:
-        """Write data to a characteristic of the device; raises RadioFault."""
+        """Write data to a characteristic of the device. Raises RadioFault if that fails."""
 
     async def read(self, characteristic: str) -> bytes:
-        """Read and return a characteristic's value; raises RadioFault."""
+        """Read and return a characteristic's value; raises RadioFault if that fails."""
 
     async def close(self) -> None:
         """Disconnect from the device; never raises."""
@@ -52,12 +52,12 @@ class Radio(Protocol):
     async def connect(self, address: str, lost: Callable[[], None]) -> Connection:
         """Connect to the device with this Bluetooth address; `lost` is called when the connection ends for any reason.
 
-        Raises RadioFault.
+        Raises RadioFault if no connection can be made.
         """
 
 
 def available() -> bool:
-    """Whether the packages of the extra `ble` are installed."""
+    """Return whether the packages of the extra `ble` are installed."""
     return all(importlib.util.find_spec(name) is not None for name in _PACKAGES)
 
 
@@ -65,7 +65,9 @@ class BleakRadio:
     """Makes BLE connections through the machine's own Bluetooth and BlueZ."""
 
     async def connect(self, address: str, lost: Callable[[], None]) -> Connection:
-        """Connect to a Bluetooth address, after ending a connection that an earlier run left open. Raises RadioFault.
+        """Connect to a Bluetooth address, after ending a connection that an earlier run left open.
+
+        Raises RadioFault if that fails.
 
         lost: called when the connection ends. Failures that BlueZ reports as transient are tried again.
         """

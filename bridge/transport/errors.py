@@ -7,7 +7,7 @@ from bridge.reasons.codes import Sentence
 class DeviceUnavailable(Exception):
     """The device cannot be opened now; the reason says what was tried and what to do. Opening is retried.
 
-    reason: sentences. soon: retrying is cheap and disturbs nobody, so it is done often.
+    reason: sentences. soon: retrying is cheap and disturbs nobody, so the device is tried every 0.1 s.
     """
 
     def __init__(self, *reason: Sentence, soon: bool = False) -> None:

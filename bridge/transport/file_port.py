@@ -35,7 +35,7 @@ class FilePort:
         self._closed = threading.Event()
 
     def open(self) -> None:
-        """Open the file and play it from its beginning. Raises DeviceUnavailable."""
+        """Open the file and play it from its beginning. Raises DeviceUnavailable if it cannot be read."""
         self.close()
         if (said := _state(self._path)) != "present":
             raise DeviceUnavailable(Code.PLACE_FAILED(place=self.place, error=said))

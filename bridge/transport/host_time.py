@@ -31,7 +31,7 @@ _AHEAD_NS = _ahead_ns()
 def now_ns() -> int:
     """Return the time in ns since the Unix epoch, by the host's clock as it was set when this program started.
 
-    It runs on evenly when the host's clock is set.
+    This time continues evenly when the host's clock is set.
     """
     return _steady_ns() + _AHEAD_NS
 

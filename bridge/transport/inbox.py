@@ -11,7 +11,7 @@ _AT_ONCE_BYTES = 65_535
 
 
 class Received(NamedTuple):
-    """One message as received: data, host receive time in ns, and who sent it, where the transport tells."""
+    """One message as received: data, host receive time in ns, and the sender, empty where the transport gives none."""
 
     data: bytes
     receive_time_ns: int

@@ -43,7 +43,7 @@ def locked(port: str, proc: Path = PROC) -> bool:
 
 
 def is_bridge(pid: int, proc: Path = PROC) -> bool:
-    """Whether process `pid` is `truerate bridge run`, and not the shell or sudo that started it."""
+    """Return whether process `pid` is `truerate bridge run`, and not the shell or sudo that started it."""
     program, *words = command(pid, proc) or [""]
     return Path(program).name.startswith(("python", "truerate")) and ("bridge", "run") in pairwise(words)
 

@@ -39,7 +39,7 @@ def fault(port: str) -> Sentence | None:
 
 
 def no_port(port: str) -> bool:
-    """Whether the path leads to something other than a serial port: a file, a folder, /dev/null."""
+    """Return whether the path leads to something other than a serial port: a file, a folder, /dev/null."""
     try:
         return _no_port(os.stat(port))  # noqa: PTH116 - a name, as everywhere in this file
     except OSError:
@@ -61,9 +61,9 @@ def cause(error: Exception, port: str) -> Sentence:
 
 
 def settling(error: Exception) -> bool:
-    """Whether the error of opening may pass by itself, because the port was just plugged in.
+    """Return whether the error of opening may pass by itself, because the port was just plugged in.
 
-    Its name and permissions are then not yet settled.
+    The port's name and permissions are then not yet settled.
     """
     return _number(error) in _MISSING | _FORBIDDEN | {errno.EIO}
 

@@ -36,10 +36,10 @@ class _Open(NamedTuple):
 class SerialPort:
     """Serial port transport of one device; the port is locked for this process.
 
-    Use a stable name: /dev/serial/by-id/... stays, /dev/ttyUSB0 does not. baud: bits per second.
-    Many boards boot when DTR falls or rises. Opening a port always raises DTR and RTS. They are never lowered
-    afterwards, neither here nor by the system on close, so only the first opening after plugging in may boot the board.
-    (Lowering them would silence boards with USB of their own, and reset an ESP32.)
+    Use a stable name: /dev/serial/by-id/... stays, /dev/ttyUSB0 does not. baud: bits per second. Many boards boot when
+    DTR falls or rises. Opening a port always raises DTR and RTS. Neither line is lowered afterwards, neither here nor
+    by the system on close, so only the first opening after plugging in may boot the board. (Lowering them would silence
+    boards with USB of their own, and reset an ESP32.)
     """
 
     def __init__(self, port: str, baud: int) -> None:
@@ -72,7 +72,9 @@ class SerialPort:
         self._open = _Open(opened, poll, wake)
 
     def read(self, timeout_s: float) -> Chunk:
-        """Return received bytes, waiting at most timeout_s for the first byte; empty if none. Raises DeviceLost.
+        """Return received bytes, waiting at most timeout_s for the first byte; empty if none.
+
+        Raises DeviceLost if the port is gone.
 
         Same as pyserial's read(in_waiting or 1) at a third of the cost, because pyserial makes several system calls.
         """
@@ -91,7 +93,7 @@ class SerialPort:
         return Chunk(data, host_time.now_ns())
 
     def write(self, data: bytes) -> None:
-        """Send data to the device. Raises DeviceLost, also if the device does not take them within a second."""
+        """Send data to the device. Raises DeviceLost if the port is gone, or does not accept the data within a second."""
         opened = self._opened()
         try:
             opened.port.write(data)

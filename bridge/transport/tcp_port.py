@@ -32,7 +32,7 @@ class TcpPort:
         self._socket: socket.socket | None = None
 
     def open(self) -> None:
-        """Connect to the device, within 1.5 s. Raises DeviceUnavailable."""
+        """Connect to the device, within 1.5 s. Raises DeviceUnavailable if that fails."""
         self.close()
         try:
             self._socket = _connected(self._address)
@@ -40,7 +40,10 @@ class TcpPort:
             raise DeviceUnavailable(network_errors.cause(error, self.place)) from None
 
     def read(self, timeout_s: float) -> Chunk:
-        """Return received bytes, waiting at most timeout_s for the first; empty if none. Raises DeviceLost."""
+        """Return received bytes, waiting at most timeout_s for the first; empty if none.
+
+        Raises DeviceLost if the connection has ended.
+        """
         opened = self._opened()
         try:
             opened.settimeout(timeout_s)
@@ -56,7 +59,7 @@ class TcpPort:
         return Chunk(data, host_time.now_ns())
 
     def write(self, data: bytes) -> None:
-        """Send data to the device; raises DeviceLost if they are not taken within a second.
+        """Send data to the device; raises DeviceLost if the connection does not accept them within a second.
 
         A broken connection is reported by read, after the data that arrived before.
         """
@@ -87,7 +90,7 @@ class TcpPort:
 
 
 def _waited(error: OSError) -> bool:
-    """Whether no data came in time. A connection whose device no longer answers has an error number."""
+    """Return whether no data came in time. A connection whose device no longer answers has an error number."""
     return isinstance(error, BlockingIOError) or (isinstance(error, TimeoutError) and error.errno is None)
 
 

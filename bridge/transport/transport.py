@@ -28,11 +28,11 @@ class Transport(Protocol):
     def read(self, timeout_s: float) -> Chunk:
         """Return received bytes, up to some 64 kB, waiting at most timeout_s for the first; empty if none.
 
-        Raises DeviceLost.
+        Raises DeviceLost if the device has gone.
         """
 
     def write(self, data: bytes) -> None:
-        """Send data to the device; raises DeviceLost, also if the device does not take them within a second."""
+        """Send data to the device; raises DeviceLost if the device has gone, or does not accept them within a second."""
 
     def close(self) -> None:
         """Close the connection; this ends a read in another thread. Never raises, and may be repeated."""

@@ -45,11 +45,14 @@ class Listener:
         self._thread.start()
 
     def send(self, data: bytes, to: Peer) -> None:
-        """Send a datagram to a device, from the port that the device sends to; raises OSError."""
+        """Send a datagram to a device, from the port that the device sends to; raises OSError if that fails."""
         self._socket.sendto(data, to)
 
     def add(self, inbox: Inbox, hosts: frozenset[str]) -> None:
-        """Add a device's inbox for its hosts; ANYONE stands for all hosts without an inbox of their own. Raises Taken."""
+        """Add a device's inbox for its hosts; ANYONE stands for all hosts without an inbox of their own.
+
+        Raises Taken if a host has an inbox already.
+        """
         if taken := self._inboxes.keys() & hosts:
             raise Taken(", ".join(sorted(taken)))
         # a new dict, because the thread reads the old one
@@ -103,7 +106,7 @@ def join(host: str, port: int, hosts: frozenset[str]) -> tuple[Listener, Inbox]:
     """Listen for the datagrams of these hosts on a UDP port; return the shared listener and a new inbox.
 
     host: local address, empty for all. hosts: addresses of the device, or ANYONE.
-    Raises OSError and Taken.
+    Raises OSError if the port is unusable, and Taken if a host has an inbox already.
     """
     inbox = Inbox(_MOST_BYTES)
     where = (host or ALL, port)
@@ -123,7 +126,7 @@ def leave(listener: Listener, inbox: Inbox) -> None:
 
 
 def bound(host: str, port: int) -> socket.socket:
-    """Return a UDP socket bound to a local host and port; raises OSError.
+    """Return a UDP socket bound to a local host and port; raises OSError if that fails.
 
     Empty host: all IPv4 addresses of this machine; `::`: all IPv4 and IPv6 addresses.
     """

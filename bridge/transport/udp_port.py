@@ -21,7 +21,7 @@ OVERFLOW, OTHERS = "datagrams_overflow", "datagrams_of_others"
 class UdpPort:
     """UDP transport: the datagrams of one device, joined to a stream of bytes. address: the part behind `udp://`.
 
-    Without `from`, those of the first host heard, until it has been silent for 3 s.
+    Without the option `from`, only datagrams of the first sending host count, until it has been silent for 3 s.
     Several devices may send to one port, told apart by `from`.
     """
 
@@ -32,7 +32,7 @@ class UdpPort:
         self._joined: tuple[Listener, Inbox] | None = None
 
     def open(self) -> None:
-        """Listen on the UDP port. Raises DeviceUnavailable."""
+        """Listen on the UDP port. Raises DeviceUnavailable if the port cannot be used."""
         self.close()
         self._peer: tuple[str, Peer] | None = None
         self._heard_ns = 0

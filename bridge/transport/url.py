@@ -10,7 +10,8 @@ from bridge.toml.loader import nearest
 def host_port(text: str, example: str, *, host_needed: bool = True) -> tuple[str, int]:
     """Parse `10.0.0.5:8000`, `wrist-1.local:8000` or `[fe80::1]:8000` into host and port (1 to 65535).
 
-    The host may be empty if not host_needed. Raises ValueError with `example`.
+    The host may be empty if not host_needed. Raises ValueError, whose text ends in `example`, for an invalid host or
+    port.
     """
     host, colon, port = text.rpartition(":")
     if not colon or not port.isascii() or not port.isdigit() or not 1 <= int(port) <= 65_535:
@@ -27,7 +28,7 @@ def host_port(text: str, example: str, *, host_needed: bool = True) -> tuple[str
 def host(text: str, example: str) -> str:
     """Parse a host without port, with or without brackets; return it without brackets.
 
-    Raises ValueError with `example`.
+    Raises ValueError, whose text ends in `example`, for an invalid host.
     """
     bare = text.removeprefix("[").removesuffix("]")
     if not bare or not _is_host(bare):
@@ -56,7 +57,7 @@ def options(text: str, known: Sequence[str], example: str) -> tuple[str, dict[st
 
 
 def number(text: str, name: str, low: float, high: float) -> float:
-    """Parse the number of an option `name`, from low to high; raises ValueError."""
+    """Parse the number of an option `name`, from low to high; raises ValueError for any other text."""
     try:
         value = float(text)
     except ValueError:

@@ -54,7 +54,7 @@ def encode_samples(batch: SampleBatch) -> bytes:
 
 
 def decode_samples(key: str, payload: bytes) -> SampleBatch:
-    """Decode and validate the payload of raw/<bridge>/<device> as a SampleBatch. Raises Refusal."""
+    """Decode and validate the payload of raw/<bridge>/<device> as a SampleBatch. Raises Refusal for an invalid message."""
     raw, place = opened(columns.SampleBatch, "raw", key, payload)
     ticks = ticks_of(raw.ticks)
     times_of(raw, ticks)
@@ -97,7 +97,7 @@ class CorrectedEncoder:
     def corrected_by(self, quality: Quality, calibration: str, told: Mapping[str, Float32s]) -> None:
         """Set quality, calibration id and uncertainties of all following messages.
 
-        told: a (3,) float32 array for each name in TOLD, in the units of CorrectedBatch.
+        told: uncertainties and bias, a (3,) float32 array for each name in TOLD, in the units of CorrectedBatch.
         """
         message = self._message
         message.quality = int(quality)
@@ -133,7 +133,7 @@ class CorrectedEncoder:
 
 
 def decode_corrected(key: str, payload: bytes) -> CorrectedBatch:
-    """Decode and validate the payload of corrected/<device> as a CorrectedBatch. Raises Refusal."""
+    """Decode and validate the payload of corrected/<device> as a CorrectedBatch. Raises Refusal for an invalid message."""
     raw, _ = opened(columns.CorrectedBatch, "corrected", key, payload)
     ticks = ticks_of(raw.ticks)
     times_of(raw, ticks)
@@ -169,7 +169,10 @@ class Rates(NamedTuple):
 
 
 def decode_rates(key: str, payload: bytes) -> Rates:
-    """Decode only the rates of a CorrectedBatch, at a quarter of the cost; other fields are not checked. Raises Refusal."""
+    """Decode only the rates of a CorrectedBatch, at a quarter of the cost. Raises Refusal for invalid rates.
+
+    Other fields are not checked.
+    """
     raw, _ = opened(columns.CorrectedBatch, "corrected", key, payload)
     n = len(raw.rate) // 12
     if not 1 <= n <= MAX_SAMPLES:
@@ -178,7 +181,7 @@ def decode_rates(key: str, payload: bytes) -> Rates:
 
 
 def column_of(column: NDArray[np.generic], dtype: np.dtype[Any]) -> bytes:
-    """Pack an array column as bytes, row by row, with elements of the given dtype."""
+    """Pack an array as bytes, row by row, each element little-endian in the given dtype."""
     return column.astype(dtype, copy=False).tobytes()
 
 
@@ -189,7 +192,7 @@ def packed_flags(flags: NDArray[np.uint32]) -> bytes:
 
 
 def ticks_of(column: bytes) -> NDArray[np.uint64]:
-    """Unpack a column of device ticks as a read-only (n,) uint64 array.
+    """Unpack a column of device ticks (64 bits each) as a read-only (n,) uint64 array.
 
     Raises Refusal unless there are 1 to MAX_SAMPLES ticks, each larger than the one before and below 2**63.
     """
@@ -219,7 +222,7 @@ def times_of(
 
 
 def floats_of(column: bytes, name: str, n: int, limit: float) -> Float32s:
-    """Unpack a column of n float32 numbers as a read-only (n,) array; magnitudes may reach limit.
+    """Unpack a column of n float32 numbers (4 bytes each) as a read-only (n,) array; magnitudes may reach limit.
 
     name: the field, for the error text. Raises Refusal for another length, for NaN, infinity, and larger numbers.
     """
@@ -240,7 +243,8 @@ def floats_of(column: bytes, name: str, n: int, limit: float) -> Float32s:
 def stds_of(raw: columns.CorrectedBatch | columns.WindowBatch) -> NDArray[np.float32]:
     """Unpack the standard deviations of a message as a read-only (5, 3) float32 array; none may be negative.
 
-    Rows: noise, bias, scale, cross-axis, flicker (0 if absent), in the units of CorrectedBatch. Raises Refusal.
+    Rows: noise, bias, scale, cross-axis, flicker (0 if absent), in the units of CorrectedBatch. Raises Refusal for
+    another number of columns, and for a negative or unreadable value.
     """
     said = {name: getattr(raw, name) for name in ("noise_std", "bias_std", "scale_std", "cross_std")}
     said["flicker_std"] = raw.flicker_std or _NOT_SAID

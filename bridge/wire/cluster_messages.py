@@ -38,7 +38,7 @@ def encode_owned(owned: Owned) -> bytes:
 
 
 def decode_owned(key: str, payload: bytes) -> Owned:
-    """Decode and validate the payload of owned/<estimator> as an Owned message. Raises Refusal."""
+    """Decode and validate the payload of owned/<estimator> as an Owned message. Raises Refusal if invalid."""
     raw, _ = opened(pb.Owned, "owned", key, payload, "estimator")
     if len(raw.holdings) > MAX_HOLDINGS or len(raw.moves) > MAX_MOVES:
         raise Refusal(
@@ -81,7 +81,7 @@ def encode_checkpoint(checkpoint: Checkpoint) -> bytes:
 
 
 def decode_checkpoint(key: str, payload: bytes) -> Checkpoint:
-    """Decode and validate the payload of checkpoint/<device> as a Checkpoint. Raises Refusal.
+    """Decode and validate the payload of checkpoint/<device> as a Checkpoint. Raises Refusal if invalid.
 
     `state` is not checked here; restoring a session checks it.
     """

@@ -73,7 +73,7 @@ def encode_info(info: DeviceInfo) -> bytes:
 
 
 def decode_info(key: str, payload: bytes) -> DeviceInfo:
-    """Decode and validate the payload of info/<bridge>/<device> as a DeviceInfo. Raises Refusal."""
+    """Decode and validate the payload of info/<bridge>/<device> as a DeviceInfo. Raises Refusal if invalid."""
     raw, place = opened(pb.DeviceInfo, "info", key, payload)
     same_id(raw.bridge, place, "bridge")
     return DeviceInfo(
@@ -150,7 +150,7 @@ def encode_status(status: Status) -> bytes:
 
 
 def decode_status(key: str, payload: bytes) -> Status:
-    """Decode and validate the payload of status/<device> as a Status. Raises Refusal."""
+    """Decode and validate the payload of status/<device> as a Status. Raises Refusal if invalid."""
     raw, _ = opened(pb.Status, "status", key, payload)
     axes_done = tuple(validation.whole(axis, "axes_done", 2) for axis in raw.axes_done)
     if len(axes_done) > 3:
@@ -224,7 +224,7 @@ def calibration_message(calibration: Calibration) -> pb.Calibration:
 
 
 def decode_calibration(key: str, payload: bytes) -> Calibration:
-    """Decode and validate the payload of calibration/<device> as a Calibration. Raises Refusal."""
+    """Decode and validate the payload of calibration/<device> as a Calibration. Raises Refusal if invalid."""
     raw, _ = opened(pb.Calibration, "calibration", key, payload)
     return calibration_in(raw)
 
@@ -232,7 +232,7 @@ def decode_calibration(key: str, payload: bytes) -> Calibration:
 def calibration_in(raw: pb.Calibration) -> Calibration:
     """Validate a protobuf calibration, alone or inside a checkpoint, and convert it to a Calibration.
 
-    Raises Refusal.
+    Raises Refusal for an invalid calibration.
     """
     n = len(raw.parameters)
     if n > _MAX_PARAMETERS or len(raw.turns) > _MAX_TURNS:
@@ -275,7 +275,7 @@ def encode_note(note: Note) -> bytes:
 
 
 def decode_note(key: str, payload: bytes) -> Note:
-    """Decode and validate the payload of note/<device> as a Note. Raises Refusal."""
+    """Decode and validate the payload of note/<device> as a Note. Raises Refusal if invalid."""
     raw, _ = opened(pb.Note, "note", key, payload)
     return Note(
         device=raw.device,
@@ -327,7 +327,7 @@ def encode_reply(reply: CommandReply) -> bytes:
 
 
 def decode_reply(payload: bytes) -> CommandReply:
-    """Decode and validate the answer to a command's query as a CommandReply. Raises Refusal."""
+    """Decode and validate the answer to a command's query as a CommandReply. Raises Refusal if invalid."""
     raw = read(pb.CommandReply, payload)
     return CommandReply(
         request_id=validation.text(raw.request_id, "request_id"),

@@ -28,10 +28,10 @@ def parse_key(key: str, what: str) -> Key:
 def read(kind: type[M], payload: bytes) -> M:
     """Parse a payload as a protobuf message of class `kind`, and check its size and version but no other field.
 
-    Raises Refusal.
+    Raises Refusal if the payload is too large, no such message, or of an unknown version.
     """
     if len(payload) > MAX_PAYLOAD:
-        raise Refusal(Reason.TOO_LARGE, f"{len(payload)} bytes; at most {MAX_PAYLOAD} are allowed")
+        raise Refusal(Reason.TOO_LARGE, f"the payload has {len(payload)} bytes; at most {MAX_PAYLOAD} are allowed")
     message = kind()
     try:
         message.ParseFromString(payload)
@@ -39,7 +39,7 @@ def read(kind: type[M], payload: bytes) -> M:
         raise Refusal(Reason.MALFORMED, f"not a {kind.__name__}: {error}") from None
     version = message.version  # type: ignore[attr-defined] # every message has this field
     if version != VERSION:
-        raise Refusal(Reason.VERSION, f"a {kind.__name__} of version {version}; this program speaks {VERSION}")
+        raise Refusal(Reason.VERSION, f"a {kind.__name__} of version {version}; this program reads version {VERSION}")
     return message
 
 
@@ -55,7 +55,8 @@ def same_id(said: str, place: Key, name: str) -> None:
 def opened(kind: type[M], what: str, key: str, payload: bytes, id_: str = "device") -> tuple[M, Key]:
     """Parse a payload and its key; both must name the same id. Returns the protobuf message and the parsed key.
 
-    kind: protobuf class. what: kind of key, for example `status`. id_: name of the id to compare. Raises Refusal.
+    kind: protobuf class. what: kind of key, for example `status`. id_: name of the id to compare. Raises Refusal for an
+    invalid payload or key, and for different ids.
     """
     place = parse_key(key, what)
     message = read(kind, payload)

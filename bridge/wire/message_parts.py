@@ -32,7 +32,7 @@ def decoded(raw: Sequence[pb.Sentence], name: str) -> Sentences:
     """Validate and convert the sentences of a repeated protobuf field `name`.
 
     Accepts unknown codes, for later versions.
-    Raises Refusal.
+    Raises Refusal for too many sentences, and for unprintable or long texts.
     """
     if len(raw) > MAX_TEXTS:
         raise Refusal(Reason.LENGTH, f"{name} has {len(raw)} sentences; at most {MAX_TEXTS} are allowed")
@@ -67,7 +67,7 @@ def alert_messages(alerts: Iterable[Alert]) -> list[pb.Alert]:
 def alerts_in(raw: pb.Status | pb.Checkpoint | pb.Owned) -> tuple[Alert, ...]:
     """Validate the standing alerts inside a received message and convert them.
 
-    Raises Refusal, also above MAX_ALERTS.
+    Raises Refusal for more than MAX_ALERTS, and for an invalid one.
     """
     if len(raw.alerts) > MAX_ALERTS:
         raise Refusal(Reason.LENGTH, f"alerts has {len(raw.alerts)} values; at most {MAX_ALERTS} are allowed")
@@ -91,7 +91,7 @@ def receipt_messages(receipts: Iterable[Receipt]) -> list[pb.Receipt]:
 def receipts_in(raw: pb.Status) -> tuple[Receipt, ...]:
     """Validate the bias filter's receipts in a received status and convert them.
 
-    Raises Refusal, also above MAX_RECEIPTS.
+    Raises Refusal for more than MAX_RECEIPTS, and for an invalid one.
     """
     if len(raw.receipts) > MAX_RECEIPTS:
         raise Refusal(Reason.LENGTH, f"receipts has {len(raw.receipts)} values; at most {MAX_RECEIPTS} are allowed")
@@ -131,7 +131,7 @@ def accelerometer_message(one: AccelerometerCalibration | None) -> pb.Accelerome
 def accelerometer_in(raw: pb.Status | pb.Calibration) -> AccelerometerCalibration | None:
     """Validate the accelerometer calibration inside a received message and convert it; None where the message has none.
 
-    Raises Refusal.
+    Raises Refusal if it is invalid.
     """
     if not raw.HasField("accelerometer"):
         return None

@@ -159,7 +159,7 @@ SIDES = ("left", "right")
 class Placement:
     """Where on a body a device is worn, and by whom; each field may be empty, for unknown.
 
-    False if nobody wears the device.
+    A placement counts as false if nobody wears the device.
     segment: of SEGMENTS. side: of SIDES. wearer: a bed or a pseudonym.
     since_ns: ns since the Unix epoch; 0 for the ward file's. who: the person who said so.
     """

@@ -68,7 +68,7 @@ def encode_columns(
 
 
 def decode_orientation(key: str, payload: bytes) -> OrientationBatch:
-    """Decode and validate the payload of orientation/<device> as an OrientationBatch. Raises Refusal."""
+    """Decode and validate the payload of orientation/<device> as an OrientationBatch. Raises Refusal if invalid."""
     raw, _ = opened(columns.OrientationBatch, "orientation", key, payload)
     ticks = ticks_of(raw.ticks)
     times_of(raw, ticks)

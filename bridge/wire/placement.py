@@ -38,7 +38,7 @@ def placement_message(one: Placement) -> pb.Placement:
 def placement_in(raw: pb.Status | pb.Checkpoint | pb.Command) -> Placement | None:
     """Validate the placement inside a received message and convert it; None where the message has none.
 
-    Raises Refusal.
+    Raises Refusal if it is invalid.
     """
     if not raw.HasField("placement"):
         return None

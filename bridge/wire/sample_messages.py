@@ -57,7 +57,11 @@ class Quality(IntEnum):
 
 
 class Timed:
-    """Times of the samples of a batch, by its ticks and clock."""
+    """Base of batches: device times and host times of their samples, from ticks and clock.
+
+    ticks (n,) uint64: of tick_period_s seconds each. start_time_ns: host time of the first sample, ns since the Unix
+    epoch. clock_rate: host seconds per device second.
+    """
 
     __slots__ = ()
     start_time_ns: int

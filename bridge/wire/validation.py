@@ -30,7 +30,10 @@ def clean(text: str, limit: int) -> str:
 
 
 def text(value: str, name: str, limit: int = MAX_NAME) -> str:
-    """Check a received text: at most `limit` printable characters, on one line. Returns it; raises Refusal."""
+    """Check a received text: at most `limit` printable characters, on one line.
+
+    Returns it; raises Refusal for any other.
+    """
     if len(value) > limit:
         raise Refusal(Reason.LENGTH, f"{name} has {len(value)} characters; at most {limit} are allowed")
     if not value.isprintable():
@@ -39,7 +42,7 @@ def text(value: str, name: str, limit: int = MAX_NAME) -> str:
 
 
 def number(value: float, name: str, low: float, high: float) -> float:
-    """Check that a received number is finite and from low to high, both included. Returns it; raises Refusal."""
+    """Check that a received number is finite and from low to high, both included. Returns it; raises Refusal if not."""
     if not math.isfinite(value):
         raise Refusal(Reason.NON_FINITE, f"{name} is {value}")
     if not low <= value <= high:
@@ -48,19 +51,25 @@ def number(value: float, name: str, low: float, high: float) -> float:
 
 
 def number_or_nan(value: float, name: str, low: float, high: float) -> float:
-    """Check a received number as `number` does, but also accept NaN, which stands for unknown. Raises Refusal."""
+    """Check a received number as `number` does, but also accept NaN, which stands for unknown.
+
+    Returns the number; raises Refusal if it is out of range.
+    """
     return value if math.isnan(value) else number(value, name, low, high)
 
 
 def whole(value: int, name: str, high: int) -> int:
-    """Check a received whole number from 0 to high, both included. Returns it; raises Refusal."""
+    """Check a received whole number from 0 to high, both included. Returns it; raises Refusal if not."""
     if not 0 <= value <= high:
         raise Refusal(Reason.RANGE, f"{name} is {value}: use 0 to {high}")
     return value
 
 
 def time_ns(value: int, name: str) -> int:
-    """Check a received time in ns since the Unix epoch, up to MAX_TIME_NS; 0 means none. Returns it; raises Refusal."""
+    """Check a received time in ns since the Unix epoch, up to MAX_TIME_NS; 0 means none.
+
+    Returns it; raises Refusal if not.
+    """
     return whole(value, name, MAX_TIME_NS)
 
 
@@ -73,7 +82,10 @@ def member(kind: type[E], value: int, name: str) -> E:
 
 
 def vector(values: Iterable[float], name: str, n: int, low: float, high: float) -> NDArray[np.float64]:
-    """Convert exactly n finite numbers from low to high to a float64 array (n,). Raises Refusal."""
+    """Convert exactly n received numbers, finite and from low to high, to a float64 array (n,).
+
+    Raises Refusal for other numbers.
+    """
     array = np.array(values, dtype=np.float64)
     if len(array) == n and all(low <= value <= high for value in array.tolist()):
         return array
@@ -88,7 +100,7 @@ def vector(values: Iterable[float], name: str, n: int, low: float, high: float) 
 
 
 def rising(values: Sequence[int], name: str, high: int) -> Sequence[int]:
-    """Check that received whole numbers rise strictly, from 0 to high. Returns them; raises Refusal."""
+    """Check that received whole numbers rise strictly, from 0 to high. Returns them; raises Refusal if not."""
     for before, value in pairwise((-1, *values)):
         if not before < value <= high:
             raise Refusal(
@@ -98,7 +110,10 @@ def rising(values: Sequence[int], name: str, high: int) -> Sequence[int]:
 
 
 def counts(values: Mapping[str, int], name: str) -> dict[str, int]:
-    """Check received counts by label: at most MAX_COUNTS labels, each a short printable text. Raises Refusal."""
+    """Check received counts by label: at most MAX_COUNTS labels, each a short printable text.
+
+    Returns the counts; raises Refusal if there are more, or a label is invalid.
+    """
     if len(values) > MAX_COUNTS:
         raise Refusal(Reason.LENGTH, f"{name} has {len(values)} labels; at most {MAX_COUNTS} are allowed")
     return {text(label, f"a label of {name}"): n for label, n in values.items()}

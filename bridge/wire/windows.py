@@ -65,14 +65,17 @@ def encode_windows(batch: WindowBatch) -> bytes:
 def decode_windows(key: str, payload: bytes) -> WindowBatch:
     """Decode and validate the payload of @windowed/<device> as a WindowBatch of 1 to MAX_WINDOWS windows.
 
-    Raises Refusal.
+    Raises Refusal for an invalid message.
     """
     raw, _ = opened(columns.WindowBatch, "@windowed", key, payload)
     sequences = np.frombuffer(_rising(raw.sequences, "sequences", MAX_SEQUENCE), UINT64)
     m = len(sequences)
     times_ns = np.frombuffer(_rising(raw.times_ns, "times_ns", MAX_TIME_NS), _INT64)
     if len(times_ns) != m or len(raw.samples) != 4 * m:
-        raise Refusal(Reason.LENGTH, f"{m} windows, with {len(times_ns)} times and {len(raw.samples)} bytes of samples")
+        raise Refusal(
+            Reason.LENGTH,
+            f"{m} windows, but {len(times_ns)} times and {len(raw.samples)} bytes of samples; {m} and {4 * m} are expected",
+        )
     samples = np.frombuffer(raw.samples, UINT32)
     if int(samples.min()) < 1 or int(samples.max()) > MAX_IN_WINDOW:
         raise Refusal(Reason.RANGE, f"a window has no sample, or more than {MAX_IN_WINDOW}")

@@ -27,7 +27,7 @@ class News(NamedTuple):
 
 
 class Outbox:
-    """Queue of alerts to be sent; holds them during quiet hours, and gathers those that come together.
+    """Queue of alerts to be sent; holds alerts during quiet hours, and gathers those that come together.
 
     An all-clear is sent only for an alert that was sent; a short alert in quiet hours is not.
     """

@@ -25,7 +25,7 @@ Notify = Callable[[str, str], bool]
 
 
 class Sender:
-    """Thread that sends a ward's alerts to people. What an address refuses is logged and not sent again.
+    """Thread that sends a ward's alerts to people. A message that an address refuses is logged and not sent again.
 
     Raises ConfigError for an address of the settings that cannot be used.
     """

@@ -2,8 +2,8 @@
 
     |scale (reading - bias)| = G        in every pose, by weighted least squares (Gauss-Newton)
 
-Gravity counts as 9.80665 m/s²; where it differs, by up to 0.3 %, the scale makes up for it. What an axis takes from the
-others is not estimated: its size, as the residuals show it, is part of the covariance.
+Gravity counts as 9.80665 m/s²; where it differs, by up to 0.3 %, the scale makes up for it. Cross-axis sensitivity is
+not estimated: its size, as the residuals show it, is part of the covariance.
 Source: I. Frosio, F. Pedersini, N. A. Borghese, "Autocalibration of MEMS accelerometers", IEEE Transactions on
 Instrumentation and Measurement 58 (2009), with bias and scale only.
 """
@@ -37,7 +37,7 @@ def calibrated(poses: Floats) -> AccelerometerCalibration:
 
     poses (n, 4): variance of the mean reading, m²/s⁴, then the mean reading (3,), m/s².
     Verdict REPEAT: fewer than six poses, or an axis stays uncertain. REFUSED: values no accelerometer has, or a large
-    misfit. Neither contains an estimate.
+    misfit. A result with either verdict has no estimate.
     """
     told, n = AccelKnobs().shear, len(poses)
     if n < FEWEST_POSES:

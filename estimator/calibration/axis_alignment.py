@@ -41,7 +41,7 @@ _LEAD = 1.0
 
 
 def foreign_axes(movements: Sequence[tuple[Rest, Samples]], matrix: Floats) -> Sentence | None:
-    """Reason why the gyro's axes differ from the accelerometer's; None if they match or the data do not show it.
+    """Return why the gyro's axes differ from the accelerometer's; None if they match, or the data cannot tell.
 
     movements: the rest before each movement, and its samples. matrix (3, 3): from readings to rates in the gyro's axes.
     """
@@ -64,7 +64,7 @@ def misfit(rest: Rest, samples: Samples, matrix: Floats) -> Floats:
     reading at rest. Each mapping gets the offset under which it fits best.
     """
     if rest.accel is None or samples.accel is None:
-        raise ValueError("gravity is measured by an accelerometer only")
+        raise ValueError("without an accelerometer gravity cannot be measured")
     dt = rotation.intervals(samples.time)
     block = max(1, round(_STEP_S / float(np.median(dt))))
     n = len(samples) // block
@@ -86,7 +86,7 @@ def misfit(rest: Rest, samples: Samples, matrix: Floats) -> Floats:
 
 
 def _moves(accel: Floats | None) -> bool:
-    """Whether there is an accelerometer whose readings change; a frozen one has constant readings."""
+    """Return whether there is an accelerometer whose readings change; a frozen one has constant readings."""
     return accel is not None and bool(np.ptp(accel, axis=0).any())
 
 

@@ -34,7 +34,7 @@ class Samples:
         )
 
     def part(self, part: slice) -> "Samples":
-        """Samples at the indices of a slice."""
+        """Return the samples that a slice of row indices selects."""
         accel = None if self.accel is None else self.accel[part]
         return Samples(self.time[part], self.gyro[part], accel, self.clipped[part])
 
@@ -85,7 +85,7 @@ class TurnCapture:
 
     @property
     def checked_by_gravity(self) -> bool:
-        """Whether gravity before and after shows if the turn was full: its axis must be less than 45° from the horizon.
+        """True if gravity before and after shows if the turn was full: its axis must be less than 45° from the horizon.
 
         False without an accelerometer.
         """
@@ -128,7 +128,10 @@ class History:
         self._held: deque[Floats] = deque()
 
     def take(self, rows: Floats) -> None:
-        """Append rows (n, 9) of sample_buffer, n > 0, and drop blocks of rows older than `keep_s` seconds."""
+        """Append rows (n, 9), n > 0: columns of samples/sample_buffer.py.
+
+        Drop blocks of rows older than `keep_s` seconds.
+        """
         held, oldest_needed = self._held, rows.item(-1, TIME) - self._keep_s
         held.append(rows)
         while held[0].item(-1, TIME) < oldest_needed:

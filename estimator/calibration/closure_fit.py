@@ -136,9 +136,10 @@ def _found(
 
 
 def start(evidence: Evidence) -> Floats:
-    """Initial bias and scale factors (s, 6): mean of the rests; |integral of k (m - b)| = 360° in each turn, linear in k².
+    """Initial bias, rad/s, and scale factors (s, 6): mean of the rests; |integral of k (m - b)| = 360° in each turn.
 
-    The second is the paper's criterion for turns about fixed axes. It is accurate to some 1e-3 for turns by hand.
+    The criterion on the turns, linear in k², is the paper's for fixed axes. For turns by hand it is accurate to some
+    1e-3.
     """
     weight = 1 / (evidence.rest_var + evidence.rest_common_var)
     b = (weight * evidence.rest).sum(axis=1) / weight.sum(axis=1)

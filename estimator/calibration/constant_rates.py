@@ -76,7 +76,7 @@ def _plateau(samples: Samples, start: int, end: int) -> list[Plateau]:
 
 
 def _stuck(gyro: Floats, of: Floats) -> bool:
-    """Whether an axis is stuck at the range's end in a stretch (n, 3).
+    """Return whether an axis is stuck at the range's end in a stretch (n, 3).
 
     The axis then has one value only, the largest of the recording (m, 3), whose other readings differ from it.
     """

@@ -74,7 +74,7 @@ class Transitions:
     turns: tuple[bool, ...]
 
     def only(self, chosen: Sequence[int]) -> "Transitions":
-        """Subset of the movements with the given numbers, and the rests they join, renumbered."""
+        """Return a subset: the movements with the given numbers, and the rests before and after them, renumbered."""
         kept = sorted({rest for j in chosen for rest in self.links[j]})
         number = {rest: i for i, rest in enumerate(kept)}
         return Transitions(
@@ -111,7 +111,8 @@ def collect(movements: Sequence[Movement]) -> Transitions:
 class Problem:
     """Least-squares problem of gravity propagation: residuals of theta (21,) with their slopes and covariance.
 
-    theta: see the letters above. data: rests and movements. knobs: assumed error sizes and priors.
+    theta: bias, matrix and accelerometer errors, in the order and units at the top of the file. data: rests and
+    movements. knobs: assumed error sizes and priors.
     """
 
     def __init__(self, data: Transitions, knobs: TransitionKnobs) -> None:

@@ -36,7 +36,7 @@ def estimate(rate: Floats, dt: Floats, k: Floats, turns: Sequence[TurnCapture]) 
 
 
 def said(std: float, scale_std: float) -> Sentences:
-    """Reason text for a result that is uncertain because its turns were tilted; empty for a small `std`.
+    """Explain that a result is uncertain because its turns were tilted, as sentences; () for a small `std`.
 
     std: result of `estimate`. scale_std: relative standard deviation of the scale factors.
     """

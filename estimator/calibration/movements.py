@@ -32,9 +32,9 @@ class Movements:
     def add(self, movement: Movement, *, full_turn: bool) -> bool:
         """Keep a movement if gravity can be propagated through it; return whether it was kept.
 
-        It needs an accelerometer at both rests, no clipped or missing samples, at most 30 s and 1.5 turns, and one
-        bias. Movements that are too old for it, or of another bias, are dropped. full_turn: whether it is known to have
-        ended where it began.
+        Propagation needs an accelerometer at both rests, no clipped or missing samples, at most 30 s and 1.5 turns, and
+        one bias. Movements that are too old for it, or of another bias, are dropped. full_turn: whether it is known to
+        have ended where it began.
         """
         if movement.before.accel is None or movement.after.accel is None or not self._whole(movement):
             return False

@@ -78,7 +78,7 @@ class Result:
 
 
 def nothing(method: str, verdict: Verdict, reason: Sentences, repeat: tuple[int, ...] = ()) -> Result:
-    """Result of a calibration that gives no estimate: identity matrix, zero bias, infinite covariance.
+    """Return the result of a calibration without an estimate: identity matrix, zero bias, infinite covariance.
 
     repeat: axes (0 to 2) of the turns to repeat.
     """
@@ -114,10 +114,10 @@ def judge(
 ) -> Result:
     """Put a verdict on a diagonal calibration: scale factors k (3,) and bias (3,) rad/s with covariance (6, 6).
 
-    closure: rad, largest closure error of a turn. turn_bias (3, 3) rad/s: bias during each turn, by default the one bias.
-    unclosed (3,) rad: closure error of each turn, by default that of its path. bias_time: device time, s, at which the
-    bias held, by default the middle of the first rest. note: added to the reason for accepting. method: name for the
-    result. Order of the covariance: bias, k.
+    closure: rad, largest closure error of a turn. turn_bias (3, 3) rad/s: bias during each turn, by default the one
+    bias. unclosed (3,) rad: closure error of each turn; by default computed from the turn's path. bias_time: device
+    time, s, at which the bias held, by default the middle of the first rest. note: added to the reason for accepting.
+    method: name for the result. Order of the covariance: bias, k.
     """
     turn_bias = np.tile(bias, (3, 1)) if turn_bias is None else turn_bias
     matrix, noise_std = np.diag(k), reading_std(capture.rest.std)

@@ -9,7 +9,7 @@ needed. Letters:
     m_i   mean reading while turning at the known rate w;   g_i = K (m_i - b),  K = diag(k),  u_i = g_i / |g_i|
     y_j   mean reading of rest j;   b  the bias in the last rest
     f     residuals |g_i| - w and y_j - b;   F  their derivatives by (b, k);   C  their covariance: noise of the readings,
-          bias wander, the servo's rate, and misalignment E, which is taken for zero: |g_i| = w (1 - u_i . E u_i)
+          bias wander, the servo's rate, and misalignment E, which is assumed to be zero: |g_i| = w (1 - u_i . E u_i)
 
 Gauss-Newton from the solution of the squared equations, which are linear in k². Mountings need not follow the sensor's
 axes.

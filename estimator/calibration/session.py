@@ -68,7 +68,10 @@ class CalibrationSession:
         return self._stages.still_s
 
     def take(self, rows: Floats) -> None:
-        """Store the samples of one or more windows, rows (n, 9) of sample_buffer. Then call `judge` for each window."""
+        """Store the samples of one or more windows: rows (n, 9), columns of samples/sample_buffer.py.
+
+        Then call `judge` for each window.
+        """
         self._history.take(rows)
 
     def judge(self, begun: float, ended: float, *, still: bool) -> list[Progress]:

@@ -36,7 +36,7 @@ _PIECE_S = 0.25
 class Settled:
     """Event: stillness has become long enough for a rest. `before` is the rest before it, None when there was none.
 
-    pause_s: longest stillness between the two that was too short for a rest.
+    pause_s: longest stillness, s, between the two rests that was too short for a rest.
     """
 
     before: Rest | None
@@ -62,7 +62,7 @@ class Stages:
         self.not_gravity = 0.0
 
     def take(self, begun: float, ended: float, *, still: bool) -> Settled | None:
-        """Process the next window, from device time `begun` to `ended`, s; return the rest that it makes long enough, else None.
+        """Process the next window, device time `begun` to `ended`, s; return a rest that becomes long enough, or None.
 
         still: whether the window was judged still.
         """

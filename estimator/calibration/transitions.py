@@ -40,7 +40,9 @@ CONDITION = 100.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fit:
-    """Fit of theta (21,), gravity_propagation.PARAMETERS, with covariance (21, 21); error sizes estimated from the residuals.
+    """Fit of bias, matrix and accelerometer errors: theta (21,), ordered as gravity_propagation.PARAMETERS.
+
+    covariance (21, 21) of theta, with error sizes estimated from the residuals.
 
     misfit: chi-square of gravity and heading over degrees of freedom, for the assumed error sizes. condition: condition
     number of the data's information on M. angles (m,): rad by which each movement missed. ratio (m,): the same in
@@ -67,7 +69,7 @@ class Fit:
 
 
 def fit(data: Transitions, knobs: TransitionKnobs | None = None) -> Fit:
-    """Fit bias, full matrix and accelerometer errors (theta, 21) to all movements by weighted least squares.
+    """Fit bias (rad/s), full matrix and accelerometer errors, theta (21,), to all movements by weighted least squares.
 
     Raises LinAlgError when the movements do not determine the parameters.
     """

@@ -51,7 +51,10 @@ class Turn360:
 
 
 def estimate(capture: Capture) -> Turn360:
-    """Estimate bias and scale factors by Algorithm 1 from one rest and three turns. Raises NotConverged."""
+    """Estimate bias (rad/s) and scale factors by Algorithm 1 from one rest and three turns.
+
+    Raises NotConverged if the scale factors do not settle, or leave the range 0 to 100.
+    """
     b = -capture.rest.bias
     K = np.ones(3)
     for iteration in range(1, _MAX_ITERATIONS + 1):

@@ -14,12 +14,13 @@ from estimator.geometry import rotation
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Path:
-    """Path of a movement: end (3, 3) takes vectors of the last attitude to the first.
+    """Path of a movement: end (3, 3) takes vectors from axes of the last attitude to axes of the first.
 
-    by_matrix (3, 3, 3): phi per element of the matrix. by_bias (3, 3): phi per rad/s of bias. noise (3, 3): covariance
-    of phi from the readings' white noise. way: rad turned in total, in both directions. seconds: duration. coning: rad
-    by which the axis of rotation moved within the samples' intervals, summed without sign; the motion between samples
-    is unknown by a part of it.
+    phi, rad: small rotation of the end by an error of the gyro's parameters, in axes of the first attitude. by_matrix
+    (3, 3, 3): phi per element of the matrix. by_bias (3, 3): phi per rad/s of bias. noise (3, 3), rad²: covariance of
+    phi from the readings' white noise. way: rad turned in total, in both directions. seconds: duration. coning: rad by
+    which the axis of rotation moved within the samples' intervals, summed without sign; a part of it is the error from
+    unknown motion between samples.
     """
 
     end: Floats

@@ -111,7 +111,7 @@ def _half(is_so: bool) -> Sentences:  # noqa: FBT001 - a sentence or none
 
 
 def same_bias(a: Rest, b: Rest) -> bool:
-    """Whether two rests show the same bias on every axis, within their noise (5 sigma) and 0.2 °/s."""
+    """Return whether two rests show the same bias on every axis, within their noise (5 sigma) and 0.2 °/s."""
     noise = 5 * np.sqrt(np.diag(a.bias_cov + b.bias_cov))
     return bool(np.all(np.abs(a.bias - b.bias) < _BIAS_STEP + noise))
 

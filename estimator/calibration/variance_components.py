@@ -69,7 +69,7 @@ class Linear:
 def factors(model: Linear) -> Floats:
     """Estimate the variance of each error kind relative to the assumed one: posterior means (c,) of s_i².
 
-    About 1 where the residuals say nothing about error kind i.
+    About 1 where the residuals carry no information on error kind i.
     """
     best = model.likeliest()
     found = np.empty(len(best))

@@ -16,8 +16,8 @@ from bridge.wire.keys import check_id
 from estimator.cli.commands import answered
 from estimator.cli.ward_options import listening, person, ward_of
 
-_ABOUT = """Lists the standing alerts of a ward: what has needed a person for its hold time. The exit code is 1 if one is not
-acknowledged.
+_ABOUT = """Lists the standing alerts of a ward: troubles that have needed a person for their hold time. The exit code is 1 if
+one of them is not acknowledged.
 
 examples:
   truerate alerts --config configs/ward.toml                         list them
@@ -27,7 +27,9 @@ examples:
 
 def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     """Add the verb `alerts` (list, acknowledge, test) to the command line."""
-    verb = add_verb(verbs, "alerts", _alerts, "list what has needed a person for some time, or acknowledge an alert")
+    verb = add_verb(
+        verbs, "alerts", _alerts, "list troubles that have needed a person for some time, or acknowledge an alert"
+    )
     verb.description, verb.formatter_class = _ABOUT, argparse.RawDescriptionHelpFormatter
     verb.add_argument(
         "what",
@@ -39,7 +41,7 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     verb.add_argument(
         "id", nargs="?", metavar="ID", help="alert as in the list, such as chest/lost, or only the device"
     )
-    verb.add_argument("--json", action="store_true", help="list as one JSON object")
+    verb.add_argument("--json", action="store_true", help="print the list as one JSON object")
     add_ward(verb)
 
 

@@ -37,7 +37,7 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     )
     verb.add_argument("file", type=Path, help="a recording: .npz, .mcap, or a text file of any tool; see below")
     add_reading(verb)
-    verb.add_argument("--json", action="store_true", help="one JSON object instead of a table and a picture")
+    verb.add_argument("--json", action="store_true", help="print one JSON object instead of a table and a picture")
     verb.add_argument(
         "--picture", type=Path, metavar="FILE", help="draw the Allan deviation here (default: out/allan.png)"
     )

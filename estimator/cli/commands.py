@@ -55,9 +55,10 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
 
 
 def obey(given: argparse.Namespace, ask: Callable[["Client", str], CommandReply]) -> int:
-    """Send a command for the device of the arguments, and print the reply; returns the exit code, 0 if it was accepted.
+    """Send a command for the device named in the arguments, and print the reply.
 
-    ask(client, device): sends the command and returns the reply.
+    Returns the exit code, 0 if the command was accepted, else 1. ask(client, device): sends the command and returns the
+    reply.
     """
     from estimator.client import Client  # noqa: PLC0415
 

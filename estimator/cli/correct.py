@@ -84,12 +84,12 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     verb.add_argument(
         "--warmed-up",
         action="store_true",
-        help="the device was worn and on for 15 minutes before; without it and without a thermometer the bias may drift faster",
+        help="the device was on and worn for 15 minutes before; else, without a thermometer, the bias may drift by warming up",
     )
     verb.add_argument(
         "--learn-matrix",
         action="store_true",
-        help="correct by the scale and misalignment that gravity teaches while the device moves, once they are surer than known",
+        help="estimate scale and misalignment from gravity while the device moves; use them once surer than the calibration",
     )
     verb.add_argument(
         "--picture", type=Path, metavar="FILE", help="draw rates, bias, quality and temperature (.png, .svg, .pdf)"

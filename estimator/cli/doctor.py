@@ -42,7 +42,9 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     )
     verb.add_argument("config", type=Path, nargs="?", metavar="CONFIG", help="a ward file (.toml) to check as well")
     verb.add_argument(
-        "--json", action="store_true", help="print a list of objects: check, level (ok, warning, trouble), said, do"
+        "--json",
+        action="store_true",
+        help="print a JSON list of objects with check, level (ok, warning, trouble), said and do",
     )
 
 

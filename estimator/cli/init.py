@@ -24,7 +24,7 @@ _EXAMPLES = """examples:
   truerate init ward-3 --host ward-3.example --person nurse
                                                            the page over TLS, for tablets; asks for the nurse's password
   truerate init ward-3 --host 10.0.0.5 --bridge bridge-2   a second machine has devices, too
-  truerate init ward-3 --virtual 3 --dry-run               say what would be done, with three simulated devices
+  truerate init ward-3 --virtual 3 --dry-run               print what would be done, with three simulated devices
 
 A second run keeps what is there and adds what is missing: newly plugged devices, new people, further machines."""
 _SERVICES = ("router", "bridge", "estimator", "dashboard", "recorder")
@@ -58,7 +58,7 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
         action="append",
         default=[],
         metavar="NAME",
-        help="person who may give commands on the page; repeatable. The password is asked for, or made up without a terminal",
+        help="person who may give commands on the page; repeatable. Asks for a password; without a terminal makes one up",
     )
     verb.add_argument(
         "--administrator",
@@ -72,7 +72,7 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     verb.add_argument("--no-scan", action="store_true", help="do not listen on the serial ports for devices")
     verb.add_argument("--folder", type=Path, default=_HERE, help="ward file and certificates (default: %(default)s)")
     verb.add_argument("--data", type=Path, default=_DATA, help="store and recordings (default: %(default)s)")
-    verb.add_argument("--dry-run", action="store_true", help="only say what would be done")
+    verb.add_argument("--dry-run", action="store_true", help="print what would be done, and change nothing")
 
 
 def _init(given: argparse.Namespace) -> int:

@@ -150,7 +150,7 @@ def _failed(given: argparse.Namespace, words: str, code: int) -> int:
 
 
 def _is_memory(error: BaseException) -> bool:
-    """Whether memory ran out, in Python or while a library was loaded."""
+    """Return whether memory ran out, in Python or while a library was loaded."""
     chain = list[BaseException]()
     found: BaseException | None = error
     while found is not None and found not in chain:  # a chain may lead back to its start

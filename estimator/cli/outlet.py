@@ -65,7 +65,7 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
             dest="devices",
             action="append",
             metavar="ID",
-            help="device to send on; repeatable (default: all)",
+            help="device to pass on; repeatable (default: all)",
         )
         import_module(f"estimator.outlets.{name}").add_arguments(verb)
         add_ward(verb)

@@ -101,7 +101,7 @@ def _read(given: argparse.Namespace) -> tuple[Path, str, dict[str, Person]]:
 
 def _of(people: dict[str, Person], name: str) -> Person:
     if name not in people:
-        raise ConfigError(f"nobody is called {name!r}; there are: {', '.join(people) or 'none'}")
+        raise ConfigError(f"unknown person {name!r}; known are: {', '.join(people) or 'none'}")
     return people[name]
 
 

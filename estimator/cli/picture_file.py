@@ -9,9 +9,10 @@ KINDS = (".png", ".svg", ".pdf")
 
 
 def check(option: str, path: Path) -> None:
-    """Refuse a path that cannot hold a picture; missing folders are made later. Raises ConfigError.
+    """Refuse a path that cannot hold a picture; missing folders are made later.
 
-    An existing file may be overwritten only if it is a picture drawn by Matplotlib, or empty.
+    Raises ConfigError for an unknown ending, an unusable folder, and an existing file of another kind. An existing file
+    may be overwritten only if it is a picture drawn by Matplotlib, or empty.
     """
     if path.suffix.lower() not in KINDS:
         raise ConfigError(f"{option} {path}: unknown file type {path.suffix!r}; use {', '.join(KINDS)}")
@@ -25,7 +26,7 @@ def check(option: str, path: Path) -> None:
 
 
 def _is_drawn(path: Path) -> bool:
-    """Whether a file is a picture by Matplotlib (its name is in every format), or empty, and may be overwritten."""
+    """Return whether a file is a picture by Matplotlib (its name is in every format), or empty, and may be overwritten."""
     try:
         drawn = path.read_bytes()
     except OSError:
@@ -34,7 +35,7 @@ def _is_drawn(path: Path) -> bool:
 
 
 def check_folder(option: str, path: Path) -> None:
-    """Refuse an output file whose folder cannot be written to or made. Raises ConfigError."""
+    """Refuse an output file whose folder cannot be written to or made. Raises ConfigError, which names `option`."""
     folder = next(above for above in path.absolute().parents if above.exists())
     if not folder.is_dir():
         raise ConfigError(f"{option} {path}: {folder} is not a folder; give another path")

@@ -13,8 +13,8 @@ from bridge.wire.placement import placement
 from estimator.cli.commands import obey
 from estimator.cli.ward_options import listening, person, ward_of
 
-_ABOUT = f"""Says where and by whom a device is worn, from now on until the next `set` or `end`. Nothing needs a placement: it is
-shown with the device on the pages, in reports and recordings. `truerate history DEVICE` shows all placements of a device.
+_ABOUT = f"""Says where and by whom a device is worn, from now on until the next `set` or `end`. A placement is
+optional. Pages, reports and recordings show it with the device. `truerate history DEVICE` shows all placements of a device.
 
 segments: {", ".join(SEGMENTS)}, as bodies are called in OpenSim
 (humerus: upper arm, radius: forearm, femur: thigh, tibia: shank, calcn: foot). Arms and legs take --side left or right.

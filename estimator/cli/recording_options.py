@@ -22,12 +22,12 @@ HOLDS = """recordings:
 
 
 def recorded(given: argparse.Namespace) -> Recording:
-    """Load the recording that the arguments name, as its options say. Raises RecordingError."""
+    """Load the recording that the arguments name, as its options say. Raises RecordingError if it cannot be used."""
     return load(given.file, device=given.device, reading=reading_of(given))
 
 
 def check_range(given: argparse.Namespace) -> None:
-    """Refuse a full-scale range (--range-dps, °/s) that no gyro has. Raises ConfigError."""
+    """Raise ConfigError for a full-scale range (--range-dps, °/s) that no gyro has."""
     if not 0 <= given.range_dps <= MAX_RANGE_DPS:
         raise ConfigError(f"--range-dps is {given.range_dps:g}: give 0 (unknown) to {MAX_RANGE_DPS}")
 

@@ -20,10 +20,9 @@ from estimator.client import Client
 from estimator.config.schema import Ward
 
 RELOAD = """Programs look at their ward file once a second. A valid change takes effect without a restart: devices, models,
-enrolled devices, placements, alerts, people, limits of the recorder.
-Boots and calibrations of other devices go on. An invalid file is refused
-as a whole (exit code 2), and the earlier settings stay in force. This command checks the file, waits for the programs, and
-shows what each has taken; exit code 1 if a program has not taken every change.
+enrolled devices, placements, alerts, people, limits of the recorder. Unchanged devices keep their boots and calibrations. An
+invalid file is refused as a whole (exit code 2), and the earlier settings stay in force. This command checks the file, waits
+for the programs, and shows the settings that each uses; exit code 1 if a program does not use every change.
 
 example:
   truerate reload --config configs/ward.toml"""
@@ -36,7 +35,7 @@ _UNNAMED = (Member(Role.COMMANDER, "dashboard"), Member(Role.RECORDER, "recorder
 def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     """Add the verb `reload` to the command line."""
     verb = add_verb(
-        verbs, "reload", _reload, "check a changed ward file, and show what running programs took from it", RELOAD
+        verbs, "reload", _reload, "check a changed ward file, and show which settings the running programs use", RELOAD
     )
     verb.add_argument("--config", type=Path, required=True, help="the ward file")
 
@@ -58,7 +57,7 @@ def _reload(given: argparse.Namespace) -> int:
 def asked(
     bus: Bus, routers: Routers, ward: Ward, digest: str, patience_s: float = _PATIENCE_S
 ) -> Iterator[tuple[Member, CommandReply]]:
-    """Ask the running programs of a ward what they took from their files; yields (program, reply).
+    """Ask the running programs of a ward which settings of their files they use; yields (program, reply).
 
     A program is given patience_s to read a content of this digest. With a certificate that is not a commander's, only
     the program of the same certificate may be asked.

@@ -57,7 +57,7 @@ class Client:
 
     @property
     def connected(self) -> bool:
-        """Whether a router is connected now. While disconnected no message arrives, and the client retries for ever."""
+        """True if a router is connected now. While disconnected no message arrives, and the client retries for ever."""
         return self._bus.connected
 
     def corrected(
@@ -227,7 +227,7 @@ class Client:
         return self._command(device, "cancel", who, reason)
 
     def note(self, device: str, who: str, text: str) -> CommandReply:
-        """Attach a text to this moment of a device. It is stored in the audit table and published for recordings.
+        """Attach a text to this moment of a device. The text is stored in the audit table and published for recordings.
 
         Returns the estimator's reply; an empty text is refused. Raises BusError when no estimator answers.
         """

@@ -3,7 +3,7 @@
 A batch that arrives early is held until the samples before it arrive, or for a bounded time. After that time the absent
 samples are reported as missing. Where several estimators publish a sample, the one with the highest epoch is delivered.
 A sample with an older epoch than the last delivered sample waits for HANDOVER_S, since the present owner may still
-publish it. So an estimator that hung and wakes up is ignored while another owns its device, and no sample is lost where
+publish it. So an estimator that hung and resumes is ignored while another owns its device, and no sample is lost where
 no other estimator owns the device.
 """
 
@@ -33,7 +33,7 @@ MISTAKEN_NS = 30_000_000_000
 class Miss:
     """Report of a hole: samples `first` to `first + count - 1` of a device's boot did not arrive.
 
-    first: sequence number. count: number of samples. told: the sample after the hole is itself flagged AFTER_GAP.
+    first: sequence number. count: number of samples. told: the sample after the hole carries the flag AFTER_GAP.
     """
 
     device: str
@@ -165,11 +165,7 @@ class ReorderBuffer:
 
 
 def _begins_anew(batch: CorrectedBatch, newest: CorrectedBatch) -> bool:
-    """Whether low sequence numbers mean a device restarted under its old boot number, rather than repeated samples.
-
-    Samples after a restart are later in time. Each estimator publishes its samples in order; a repeat by another
-    estimator may carry a mistaken time.
-    """
+    """Return whether low sequence numbers mean a device restarted under its old boot number, not repeated samples."""
     by_ns = SAME_TIME_NS if batch.epoch == newest.epoch else MISTAKEN_NS
     if (
         batch.sequence + len(batch) > newest.sequence + len(newest)

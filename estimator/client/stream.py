@@ -65,7 +65,7 @@ class Stream(AsyncIterator[T], Generic[T]):
 
     @property
     def caught_up(self) -> bool:
-        """Whether the history has arrived: the messages that publishers kept for new subscribers."""
+        """True if the history has arrived: the messages that publishers kept for new subscribers."""
         return self._subscription.caught_up
 
     def receive(self, timeout_s: float) -> T | None:

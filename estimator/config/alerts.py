@@ -28,7 +28,7 @@ _HOURS = re.compile(r"([01]\d|2[0-3]):([0-5]\d)-([01]\d|2[0-3]):([0-5]\d)\Z")
 
 
 class Alerts(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Alerts: hold times, quiet hours, and where alerts are sent. They are shown on the page in any case."""
+    """Alerts: hold times, quiet hours, and where alerts are sent. The page shows alerts in any case."""
 
     #: seconds until a trouble is an alert, by kind: `{ lost = 120, uncalibrated = 1800 }`; docs/alerts.md has the defaults
     hold_s: dict[str, float] = {}
@@ -59,7 +59,7 @@ class Alerts(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
         return self.hold_s.get(kind, HOLD_S[Kind(kind)])
 
     def quiet(self, local: datetime) -> bool:
-        """Whether a time in this machine's zone is within the quiet hours, which may span midnight."""
+        """Return whether a local wall-clock time is within the quiet hours, which may span midnight."""
         if (match := _HOURS.match(self.quiet_hours)) is None:
             return False
         numbers = [int(one) for one in match.groups()]

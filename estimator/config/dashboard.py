@@ -53,7 +53,7 @@ class OpenId(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
     def __post_init__(self) -> None:
         if not re.match(r"https://[^/]|http://(localhost|127\.0\.0\.1)[:/]", self.issuer):
-            raise ValueError(f"issuer is {self.issuer!r}; an address looks like 'https://login.hospital.example'")
+            raise ValueError(f"issuer is {self.issuer!r}; write for example 'https://login.hospital.example'")
         if not self.roles:
             raise ValueError("roles is empty, so nobody could log in: give a role for a group")
 
@@ -90,7 +90,7 @@ class Dashboard(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
         try:
             listening(self.listen)
         except ValueError:
-            raise ValueError(f"listen is {self.listen!r}; an address looks like '127.0.0.1:8090'") from None
+            raise ValueError(f"listen is {self.listen!r}; write for example '127.0.0.1:8090'") from None
         if bool(self.certificate) != bool(self.key):
             raise ValueError(
                 f"{'key' if self.certificate else 'certificate'} is missing: TLS needs `certificate` and `key`"
@@ -103,12 +103,12 @@ class Dashboard(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
         for host in self.hosts:
             if not host or not host.isprintable() or set(host) & set("/:@ *"):
                 raise ValueError(
-                    f"hosts: {host!r} is no name; one looks like 'ward-3.hospital.example', without a port"
+                    f"hosts: {host!r} is not a host name: write for example 'ward-3.hospital.example', without a port"
                 )
         for origin in self.origins:
             if not _ORIGIN.fullmatch(origin):
                 raise ValueError(
-                    f"origins: {origin!r} is not an origin; one looks like 'https://lab.example' or 'http://localhost:8000'"
+                    f"origins: {origin!r} is not an origin: write for example 'https://lab.example' or 'http://localhost:8000'"
                 )
         if not 0.05 <= self.session_hours <= 168:
             raise ValueError(f"session_hours is {self.session_hours:g}; allowed: 0.05 to 168")
@@ -119,12 +119,12 @@ class Dashboard(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
     @property
     def commanded(self) -> bool:
-        """Whether anybody may give commands: people are listed, or log in by OpenID Connect."""
+        """True if anybody may give commands: people are listed, or log in by OpenID Connect."""
         return bool(self.people or self.people_file or self.openid)
 
     @property
     def local(self) -> bool:
-        """Whether only this machine can reach the page, as `listen` is a loopback address."""
+        """True if only this machine can reach the page, as `listen` is a loopback address."""
         host, _ = listening(self.listen)
         try:
             return ip_address(host).is_loopback

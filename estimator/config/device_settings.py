@@ -28,8 +28,7 @@ _TOLERANCES, _BY_HAND = 2.0, 0.01
 def knobs_of(model: NoiseModel, knobs: SessionKnobs | None = None) -> SessionKnobs:
     """Derive a device's session settings from its noise model.
 
-    Settings that the model does not give are those of `knobs`.
-    The worst axis counts.
+    Settings that the model does not give are those of `knobs`. Where the axes differ, the worst axis decides.
     """
     knobs = knobs or SessionKnobs()
     noise = float(model.arw.max()) * (_USUAL_HZ / 2) ** 0.5
@@ -51,7 +50,7 @@ def knobs_of(model: NoiseModel, knobs: SessionKnobs | None = None) -> SessionKno
 
 
 def knobs_of_stated(words: str, knobs: SessionKnobs | None = None) -> SessionKnobs:
-    """Return the session settings of a device that no file gives a model: those of the model that the device states.
+    """Return the session settings of a device without a model in the ward file: those of the model it states itself.
 
     Range and tolerance of the scale stay generic: they depend on settings and libraries that the name of a chip does
     not tell, and no turn is refused because of a name. words: the device's own, empty if unknown.
@@ -99,5 +98,5 @@ def treatment(told: "Estimator | None") -> Treatment:
 
 
 def learning(knobs: SessionKnobs) -> SessionKnobs:
-    """Return a copy of the settings in which gravity teaches scale and misalignment while the device is worn."""
+    """Return a copy of the settings with which a worn device's gravity readings refine scale and misalignment."""
     return replace(knobs, track=replace(knobs.track, learn_matrix=True))

@@ -27,7 +27,7 @@ def file_of(path: Path, ward: Ward) -> Path:
 
 
 def people_in(path: Path) -> tuple[Person, ...]:
-    """Return the people that a file lists; a file that is not there lists nobody. Raises ConfigError."""
+    """Return the people that a file lists; () for a missing file. Raises ConfigError for an invalid file."""
     return load(path, Ward).dashboard.people if path.exists() else ()
 
 
@@ -65,7 +65,9 @@ def _change(path: Path, ward: str, name: str, person: Person | None) -> None:
     text = "".join(_edited(block, name, person) for block in _TABLES.split(text))
     wanted = {one: people[one] for one in people if one != name} | ({name: person} if person else {})
     if {one.name: one for one in parsed(text.encode(), path, Ward).dashboard.people} != wanted:
-        raise ConfigError(f"{path}: people stand elsewhere than in {_BLOCK}: give each such a table, or edit by hand")
+        raise ConfigError(
+            f"{path}: people are listed outside {_BLOCK}: give each a table {_BLOCK}, or edit the file by hand"
+        )
     whole_file.rewrite(path, text.encode())
 
 

@@ -17,7 +17,7 @@ from estimator.noise.device_model import load_model
 
 
 class Worn(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Where a device is worn until somebody says otherwise; each key may be left out."""
+    """Where a device is worn until a person sets another placement; each key may be left out."""
 
     #: head, torso, pelvis, humerus, radius, hand, femur, tibia or calcn, as in OpenSim
     segment: str = ""
@@ -36,7 +36,7 @@ class Worn(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
     @property
     def placement(self) -> Placement:
-        """Placement in force until somebody says otherwise, as a typed value."""
+        """Placement in force until a person sets another, as a typed value."""
         return placement(self.segment, self.side, self.wearer)
 
 
@@ -97,7 +97,7 @@ class Estimator(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
 
 class Ward(schema.Root, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A whole ward file with every table typed."""
+    """The whole ward file, with typed tables [estimator], [dashboard] and [alerts] besides those of schema.Root."""
 
     estimator: Estimator | None = None
     dashboard: Dashboard = Dashboard()

@@ -45,7 +45,7 @@ class Backups:
         return []
 
     def due(self, now_s: float) -> bool:
-        """Whether it is time for a backup: none is newer than 23 hours at now_s, seconds since the Unix epoch.
+        """Return whether it is time for a backup: none is newer than 23 hours at now_s, seconds since the Unix epoch.
 
         A newest backup dated in the future does not count, since the clock was wrong.
         """
@@ -85,7 +85,7 @@ def name_of_copy(backup: Path) -> str:
 def back_up(store: Path, to: Path) -> None:
     """Copy the store's file `store`, in use or not, into a checked, self-contained file `to`.
 
-    Raises StoreError if `to` exists, and Empty if the store has no entries: such a copy would only seem to be a backup.
+    Raises StoreError if `to` exists, and Empty if the store has no entries: a copy of it would be useless as a backup.
     Raises Damaged if the copy is not intact, or Unavailable.
     """
     if to.exists():
@@ -94,7 +94,9 @@ def back_up(store: Path, to: Path) -> None:
     try:
         with closing(to_read(store)) as db:
             if not any(_copied(db, part, store).values()):
-                raise Empty(f"store {store} has no entries, so there is nothing to back up: is it the right store?")
+                raise Empty(
+                    f"store {store} has no entries, so there is nothing to back up: check the path of the store"
+                )
         _place(part, to)
     except (*FAULTS, StoreError) as error:
         part.unlink(missing_ok=True)

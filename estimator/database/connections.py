@@ -86,7 +86,7 @@ def log_of(path: Path) -> Path:
 
 
 def _is_ours(path: Path) -> bool:
-    """Whether a damaged file was a store, by its header."""
+    """Return whether a damaged file was a store, by its header."""
     with path.open("rb") as file:
         head = file.read(_APPLICATION.stop)
     return _MAGIC.startswith(head[: len(_MAGIC)]) or head[_APPLICATION] == APPLICATION_ID.to_bytes(4, "big")

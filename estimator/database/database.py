@@ -169,7 +169,7 @@ class Database:
         self.execute(f"INSERT INTO {table} ({', '.join(row)}) VALUES ({places}) {conflict}", tuple(row.values()))  # noqa: S608 - our own words
 
     def look(self) -> None:
-        """Check whether the open file is still at its path; if not, `trouble` says so and the next write puts it back.
+        """Check that the open file is still at its path; if not, set `trouble`, and the next write restores the file.
 
         Callable from any thread.
         """
@@ -287,7 +287,7 @@ class Database:
         self.failures += 1
         if isinstance(error, (Damaged, Unavailable)):
             if not self.trouble:
-                log.error("%s; the estimator goes on from memory and tries again", error)
+                log.error("%s; the estimator continues from memory and tries again", error)
             self.trouble = str(error)
         self._damaged |= isinstance(error, Damaged)
 

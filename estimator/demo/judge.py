@@ -39,7 +39,7 @@ class Judgement:
 
     @property
     def good(self) -> bool:
-        """Whether scale and final bias are within their limits, and heading error is small against the raw one."""
+        """True if scale and final bias are within their limits, and heading error is small against the raw one."""
         left, raw = np.abs(self.corrected_heading_deg).max(), np.abs(self.raw_heading_deg).max()
         return bool(
             np.all(np.abs(self.k - self.k_true) < np.clip(SIGMAS * self.k_std, *SCALE))

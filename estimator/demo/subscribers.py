@@ -92,7 +92,7 @@ class Watcher:
             self.statuses[status.device] = status
 
     def all_tracking(self, devices: int) -> bool:
-        """Whether exactly this number of devices is calibrated and tracked."""
+        """Return whether exactly this number of devices is calibrated and tracked."""
         return sum(status.state is State.TRACKING for status in self.statuses.values()) == devices
 
     def close(self) -> None:

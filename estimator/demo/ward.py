@@ -84,7 +84,7 @@ class Ward:
         self._environment: dict[str, dict[str, str]] = {}
 
     def add(self, name: str, *arguments: str) -> None:
-        """Add a process with these arguments for `truerate`, to be started like the others."""
+        """Add a process that runs `truerate` with these arguments; `start` starts the process by this name."""
         self._arguments[name] = arguments
 
     def configure(self, name: str, config: Path, environment: dict[str, str]) -> None:
@@ -196,7 +196,7 @@ def free_port() -> int:
 
 
 def listens(endpoint: str, timeout_s: float) -> bool:
-    """Whether something listens at a TCP endpoint within timeout_s seconds."""
+    """Return whether something listens at a TCP endpoint within timeout_s seconds."""
     host, _, port = endpoint.removeprefix("tcp/").rpartition(":")
     deadline = time.monotonic() + timeout_s
     while time.monotonic() < deadline:

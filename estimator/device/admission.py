@@ -66,7 +66,7 @@ class Mark:
 
 
 class Admission:
-    """Admission of one device's messages: only from its owner, the one bridge it is heard from.
+    """Admission of one device's messages: only from its owner, the one bridge whose samples are used.
 
     Batches of old boots, and implausible ones, are refused until they persist.
     silence_s: seconds for which a device may be silent. `owner`: name of that bridge. `sequence`: counters of accepted
@@ -101,16 +101,13 @@ class Admission:
         return True
 
     def hold(self, heard_s: float) -> None:
-        """Keep the present owner while no bridge can be heard.
-
-        Its silence counts from steady-clock time heard_s, s, on.
-        """
+        """Keep the present owner while no bridge can be heard: its silence counts from heard_s on, steady-clock s."""
         self._heard_s = heard_s
 
     def go_on(self, heard_ns: int) -> None:
-        """Note the host time, ns, at which the boot to continue was heard.
+        """Note the host time, ns since the Unix epoch, at which the boot to continue was last heard.
 
-        Samples received earlier are of an older boot.
+        Samples received earlier belong to an older boot.
         """
         self._booted_ns = heard_ns
 
@@ -180,7 +177,7 @@ class Admission:
         return ruling
 
     def _known(self, batch: Samples) -> bool:
-        """Whether a failed session had already taken all samples of a batch."""
+        """Return whether a failed session had already taken all samples of a batch."""
         boot, following, received_ns = self._came_to
         return batch.boot == boot and batch.sequence + batch.n <= following and batch.receive_time_ns <= received_ns
 
@@ -190,7 +187,7 @@ class Admission:
         self._booted_ns = min(self._booted_ns, batch.receive_time_ns)  # the host's clock may be set back
 
     def _goes_on(self, batch: Samples) -> bool:
-        """Whether a batch plainly continues the last one, as most do; then no other check is needed."""
+        """Return whether a batch plainly continues the last one, as most do; then no other check is needed."""
         latest, sequence, n = self._latest, self.sequence, batch.n
         if latest is None or batch.boot != sequence.boot or not sequence.next == batch.sequence == latest.sequence:
             return False
@@ -221,7 +218,7 @@ class Admission:
         return batch.sequence - mark.sequence > FASTEST_HZ * device_s or end_s - mark.device_s > CLOCK_SLACK * device_s
 
     def _crowds(self, batch: Samples) -> bool:
-        """Whether the samples are denser than any device's, or the batch is too long."""
+        """Return whether the samples are denser than any device's, or the batch is too long."""
         begin_s, end_s = batch.first_s, batch.last_s
         since_s = begin_s if self._latest is None else min(begin_s, self._latest.device_s)
         room = min(CROWD, self._room + (end_s - since_s) * CROWD_HZ) - batch.n
@@ -231,14 +228,14 @@ class Admission:
         return False
 
     def _older(self, batch: Samples) -> bool:
-        """Whether a boot never heard before is older than the present one: its samples were received earlier.
+        """Return whether a boot never heard before is older than the present one: its samples were received earlier.
 
         The cause may also be a host clock set back; then only such batches arrive, and `_persists` accepts them.
         """
         return batch.receive_time_ns < self._booted_ns
 
     def _is_news(self, batch: Samples) -> bool:
-        """Whether a persistent stream was received after all accepted samples; else it is a replayed recording.
+        """Return whether a persistent stream was received after all accepted samples; else it is a replayed recording.
 
         A boot never heard before may be older: no recording of it is known, and a host's clock may be set back.
         """
@@ -246,7 +243,10 @@ class Admission:
         return self.sequence.is_new_boot(batch.boot) or batch.receive_time_ns > latest_ns
 
     def _persists(self, batch: Samples, heard_s: float) -> bool:
-        """Whether refused batches have come for long enough, each after the end of the last: no shuffled recording."""
+        """Return whether refused batches have come for long enough, each after the end of the last.
+
+        A shuffled recording does not send its batches in this order.
+        """
         goes_on = (batch.boot, batch.sequence) >= self._refused_next and batch.boot == self._refused_next[0]
         if not self._refused or heard_s - self._refused_last_s > PERSISTS_S or not goes_on:
             self._refused, self._refused_since_s = 0, heard_s
@@ -257,5 +257,5 @@ class Admission:
 
 
 def _publishable(batch: Samples) -> bool:
-    """Whether the last sample's time and number fit the wire format: a corrected batch may be cut anywhere."""
+    """Return whether the last sample's time and number fit the wire format: a corrected batch may be cut anywhere."""
     return batch.last_ns < MAX_TIME_NS and batch.sequence + batch.n <= MAX_SEQUENCE

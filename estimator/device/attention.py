@@ -29,14 +29,14 @@ _OF_STATE = {State.WARMING: (), State.TRACKING: (), State.LOST: (Kind.LOST,), St
 
 
 def ended(reason: Sentences) -> bool:
-    """Whether a reason says that the device is meant to send no more: its recording is over, or it was removed."""
+    """Return whether a reason says that the device is meant to send no more: its recording is over, or it was removed."""
     return any(one.code in _ENDED for one in reason)
 
 
 def attentions(state: State, reason: Sentences, info: DeviceInfo | None) -> frozenset[Kind]:
     """Kinds of problems of a device that need a person now: its state, battery, or bad samples; may be empty.
 
-    state, reason: of the device's status. info: what the device tells of itself, None if unknown.
+    state, reason: of the device's status. info: the device's DeviceInfo, None if unknown.
     """
     if state is State.LOST and ended(reason):
         return frozenset()
@@ -47,7 +47,7 @@ def attentions(state: State, reason: Sentences, info: DeviceInfo | None) -> froz
 
 
 def needs_person(status: Status, info: DeviceInfo | None) -> bool:
-    """Whether a device has any problem that a person has to solve; info: what the device tells of itself, or None."""
+    """Return whether a device has any problem that a person has to solve. info: the device's own DeviceInfo, or None."""
     return bool(attentions(status.state, status.reason, info))
 
 

@@ -13,7 +13,7 @@ from estimator.samples.sample_buffer import HOST_NS, Samples
 
 
 class Cut(NamedTuple):
-    """Samples of a message from index `first` to before `end`, and the correction that applies to them."""
+    """Samples of a message from index `first` up to but not including `end`, and the correction to apply to them."""
 
     samples: Samples
     correction: Correction
@@ -37,7 +37,7 @@ class Cut(NamedTuple):
 
     @property
     def ticks(self) -> bytes:
-        """Time stamps of the samples in ticks, packed as on the wire."""
+        """Device times of the samples in ticks (uint64), packed as on the wire."""
         return self.samples.ticks[8 * self.first : 8 * self.end]
 
     @property

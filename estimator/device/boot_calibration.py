@@ -1,4 +1,4 @@
-"""Calibration in one boot: what earlier boots tell, turns under way, and the gyro model that is believed because of both."""
+"""Calibration in one boot: knowledge from earlier boots, turns in progress, and the gyro model that follows from both."""
 
 from collections.abc import Callable
 
@@ -35,8 +35,8 @@ _WAS_DOUBTED = (Code.BIAS_WAS_DOUBTED(),)
 class BootCalibration:
     """Calibration and gyro model in a boot that began at device time `began`, s.
 
-    law: temperature law from earlier boots, or None. Reports events to `life` and counts others in `events`;
-    `as_message` turns a result into a calibration message.
+    law: temperature law from earlier boots, or None. life: state table that gets the events of a calibration. events:
+    counts of other events. as_message: turns a result into a calibration message.
     """
 
     def __init__(
@@ -109,12 +109,12 @@ class BootCalibration:
 
     @property
     def seen(self) -> tuple[Floats, Floats] | None:
-        """Bias (3,) that rests of this boot have shown and its standard deviation (3,), rad/s; None while not sure."""
+        """Bias (3,) measured in rests of this boot, and its standard deviation (3,), rad/s; None while still uncertain."""
         return (self.tracker.bias, self.tracker.std) if self.tracker.sure else None
 
     @property
     def noise_std(self) -> Floats:
-        """White noise (3,) of a reading, rad/s: as rests show it, or that of the model."""
+        """White noise (3,) of a reading, rad/s: measured in rests, else that of the device model."""
         return reading_std(self._stillness.noise_std) if self._stillness.noise_known else self._belief.model.noise_std
 
     def resume(self, remembered: PriorKnowledge, temperature_c: float | None) -> bool:
@@ -152,9 +152,9 @@ class BootCalibration:
         return True
 
     def expect(self, law: TemperatureLaw) -> None:
-        """Use a temperature law that became available only after the boot had begun.
+        """Use a temperature law (bias against temperature) that became available only after the boot had begun.
 
-        A slope that was learnt under a law is kept; any other is replaced by the law's.
+        A slope estimated under a law is kept; any other slope is replaced by the law's.
         """
         self.tracker.expect(law, learnt=self.calibration is not None and self._slope_learnt)
         self._slope_learnt = self.calibration is not None
@@ -200,7 +200,7 @@ class BootCalibration:
         self._happens(Event.CALIBRATED, (Code.CALIBRATED(), *result.reason), outcome)
 
     def _learnt_worn(self, outcome: Outcome, now_ns: int) -> None:
-        """Correct by the matrix that gravity has taught while the device was worn; turns under way go on."""
+        """Use the matrix estimated from gravity while the device is worn; turns in progress continue."""
         before = self.calibration
         if before is not None and before.method != METHOD:
             self._by_hand = before
@@ -211,7 +211,7 @@ class BootCalibration:
         self._say_beside(made.reason, outcome)
 
     def _give_up_worn(self) -> None:
-        """Return to the calibration by hand after a doubt of the bias: the matrix learnt since may have caused it."""
+        """Return to the calibration by hand after a doubt of the bias: the matrix estimated since may be the cause."""
         if self._by_hand is not None and self.calibration is not None and self.calibration.method == METHOD:
             self._use(self._by_hand)
             self._by_hand = None
@@ -248,7 +248,7 @@ class BootCalibration:
 
     @property
     def awaited(self) -> bool:
-        """Whether a person now waits for the next samples' result: a calibration's first rest, or one of its turns."""
+        """True if a person now waits for the next samples' result: a calibration's first rest, or one of its turns."""
         return self.under_way is not None and self.under_way.awaited
 
     @property

@@ -83,7 +83,7 @@ class BootEstimation(BootCalibration):
     def saved(self, buffer: SampleBuffer, end: int) -> BootEstimationState:
         """State to save for `go_on`; encode it at once, because its parts are shared with the running estimation.
 
-        The samples below number `end` of the buffer have been learnt from.
+        The estimation has used the samples below number `end` of the buffer.
         """
         used = self.calibration or self.prior
         return BootEstimationState(
@@ -110,13 +110,11 @@ class BootEstimation(BootCalibration):
     def go_on(self, saved: BootEstimationState, calibration: Calibration | None, boot: int) -> SampleBuffer:
         """Restore a saved state in a boot without other knowledge; returns the buffer of the samples so far.
 
-        calibration: the calibration that the state names. Raises ValueError when the state is damaged or names another
-        calibration.
+        calibration: the calibration whose id the state holds, or None. Raises ValueError when the state is damaged or
+        names another calibration.
         """
         if saved.calibration != ("" if calibration is None else calibration.id):
-            raise ValueError(
-                f"the state goes with calibration {saved.calibration or 'none'}, which is not the one given"
-            )
+            raise ValueError(f"the state belongs to calibration {saved.calibration or 'none'}, which was not given")
         own = calibration is not None and calibration.boot == boot
         self._moves = saved.moves
         self._use(calibration if own else None, None if own else calibration)
@@ -147,9 +145,9 @@ class BootEstimation(BootCalibration):
     # ---- samples --------------------------------------------------------------------------------------------------
 
     def learn(self, buffer: SampleBuffer, end: int, of: tuple[str, int], outcome: Outcome) -> bool:
-        """Learn from the samples of a buffer below number `end`; returns whether the correction has changed.
+        """Update bias and calibration from the samples below number `end`; return whether the correction has changed.
 
-        of: device and boot of the samples. Results and events go to `outcome`.
+        buffer: holds the samples. of: device and boot of the samples. Results and events go to `outcome`.
         """
         begin, belief = self.tracker.time, self._belief
         windows = self._stillness.take(buffer, end)
@@ -222,7 +220,7 @@ class BootEstimation(BootCalibration):
 
     @property
     def _doubted(self) -> bool:
-        """Whether a rest can confirm a doubted bias."""
+        """True if a rest can confirm a doubted bias."""
         return self.tracker.doubt.stands or self._life.state is State.DEGRADED
 
     # ---- estimates -------------------------------------------------------------------------------------------------

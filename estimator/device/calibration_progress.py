@@ -8,7 +8,7 @@ from estimator.geometry.gyro_model import AXES, axis_names
 
 
 class CalibrationProgress(CalibrationSession):
-    """Calibration in progress, and what people are told of it.
+    """Calibration in progress, and its sentences for people.
 
     who, why: the person who asked for it and the reason; empty for the calibration after a boot.
     """
@@ -31,17 +31,20 @@ class CalibrationProgress(CalibrationSession):
 
     @property
     def awaited(self) -> bool:
-        """Whether a person now waits for a result of the next samples: the first rest, or a turn after another."""
+        """True if a person now waits for a result of the next samples: the first rest, or a turn after another."""
         return bool(self.turns) or not self.rested
 
     def judge(self, begun: float, ended: float, *, still: bool) -> list[Progress]:
-        """Judge the next window as a calibration session does; the events also name turns that are now too old."""
+        """Judge the next window as a calibration session does; the events also name turns that are now too old.
+
+        begun, ended: device time of the window, s. still: whether the window was judged still.
+        """
         old = self.expire(ended)
         progress = super().judge(begun, ended, still=still)
         return [Expired(old), *progress] if old else progress
 
     def said(self, progress: TurnFound | Expired | Ignored) -> Sentences:
-        """Text for people about an event of the calibration, and about the turns still needed."""
+        """Return sentences for people about an event of the calibration, and about the turns still needed."""
         missing = self.missing()
         match progress:
             case TurnFound(turn, dropped, missing):

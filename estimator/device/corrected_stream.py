@@ -1,6 +1,6 @@
-"""Samples of one device: corrected at once, and learnt from block by block.
+"""Corrects the samples of one device at once, and updates its bias and calibration block by block.
 
-What a block of device time (`estimator.samples.blocks`) teaches is applied from the end of the next block on. So the
+Estimates from a block of device time (`estimator.samples.blocks`) are applied from the end of the next block on. So the
 corrected rates do not depend on how the samples are batched, and the caller may run `learn` whenever there is time.
 """
 
@@ -37,7 +37,7 @@ SILENCE_S = 5.0
 
 
 class CorrectedStream:
-    """Correction of one device's samples, and what is learnt from them, in one boot after another.
+    """Corrects one device's samples, and updates its bias and calibration from them, in one boot after another.
 
     began: device time at which the first boot begins, s. sequence: sequence counters to continue; new ones by default.
     """
@@ -77,7 +77,7 @@ class CorrectedStream:
         self._lesson_s = self._blocks.length_s
 
     def orient(self) -> None:
-        """Begin to estimate the orientation, or begin it anew: heading zero is at the next sample."""
+        """Begin to estimate the orientation, or restart it; the next sample has heading zero."""
         self.attitude = Attitude()
 
     @property
@@ -101,13 +101,13 @@ class CorrectedStream:
         return self.learnt.tracker
 
     def begins_earlier(self, samples: Samples) -> bool:
-        """Whether the samples precede the assumed begin of this boot, while none of the boot was taken yet."""
+        """Return whether the samples are earlier than the assumed begin of the boot, and the first of the boot."""
         return self.sequence.next is None and samples.first_s < self.learnt.began
 
     def handle(self, batch: SampleBatch) -> Outcome:
-        """Correct a batch of the current boot and learn from it at once; the outcome holds the corrected batches.
+        """Correct a batch of the current boot, and update bias and calibration from it.
 
-        Samples that are not finite, late or repeated are counted and dropped.
+        The outcome holds the corrected batches. Samples that are not finite, late or repeated are counted and dropped.
         """
         samples, cuts = Samples.of(batch), list[Cut]()
         first, outcome = self._admit(samples)
@@ -126,20 +126,21 @@ class CorrectedStream:
         """Accept samples of the current boot, all finite, without correcting them.
 
         Late or repeated ones are counted and dropped.
-        Appends to `cuts` which samples each correction applies to. Returns what earlier samples led to, or None.
+        Appends to `cuts` which samples each correction applies to. Returns the outcome of earlier samples, or None.
         """
         first, outcome = self._admit(samples)
         return outcome if first == samples.n else self._put(samples, first, cuts, outcome)
 
     @property
     def to_learn(self) -> bool:
-        """Whether a whole block of samples waits for `learn`."""
+        """True if a finished block of samples waits for `learn`."""
         return self._lesson is not None
 
     def learn(self) -> Outcome:
-        """Learn from the last whole block now, and return what it led to.
+        """Update bias and calibration from the last finished block now; return the outcome.
 
-        Otherwise this happens at the end of the next block, from which on the result is applied in either case.
+        Without this call the update happens at the end of the next block, from which on the result is applied in either
+        case.
         """
         outcome = Outcome()
         self._learn(outcome)
@@ -175,7 +176,7 @@ class CorrectedStream:
         return outcome
 
     def _end_block(self, outcome: Outcome, resumed: tuple[float, float | None] | None = None) -> None:
-        """End a block: it becomes the next to learn from, and the correction learnt from earlier blocks takes effect.
+        """End a block: the next update uses it, and the correction from earlier blocks takes effect.
 
         resumed: device time, s, and temperature, °C, of the next sample when a silence lies before it.
         """
@@ -200,14 +201,14 @@ class CorrectedStream:
             self._ready = self.learnt.correction()
 
     def end(self) -> Outcome:
-        """Finish the stream: learn from its last blocks without waiting for more samples; returns what they led to."""
+        """Finish the stream: use its last blocks without waiting for more samples; return the outcome."""
         outcome = Outcome()
         self._end_block(outcome)
         self._learn(outcome)
         return outcome
 
     def count_event(self, name: str) -> int:
-        """Count an event of this device that happened outside the session; returns its count."""
+        """Count an event of this device that happened outside the session, by name; return the new count."""
         return self.sequence.events.add(name)
 
     def _apply(self) -> None:

@@ -40,10 +40,10 @@ class Correction:
     """One set of correction parameters: all that a CorrectedBatch carries beside its samples.
 
     bias_std (3,) rad/s, standard deviation of the bias; flicker rad/s, standard deviation of the bias instability;
-    calibration: id of the calibration in use. walk: rate random walk, rad/s per root second. Only the orientation uses the
-    last two, which are None before they are known. taught (21,), as gravity has taught: relative change of the matrix (9, row by
-    row), and standard deviations of matrix (9) and accelerometer bias (3, m/s²). accel (9,), of a calibrated accelerometer:
-    bias (3, m/s²), scale (3), standard deviation of the bias (3, m/s²).
+    calibration: id of the calibration in use. walk: rate random walk, rad/s per root second. Only the orientation uses
+    the last two, which are None before they are known. taught (21,), estimated from gravity: relative change of the
+    matrix (9, row by row), and standard deviations of matrix (9) and accelerometer bias (3, m/s²). accel (9,), of a
+    calibrated accelerometer: bias (3, m/s²), scale (3), standard deviation of the bias (3, m/s²).
     """
 
     model: GyroModel
@@ -74,7 +74,7 @@ class Correction:
 
     @cached_property
     def known(self) -> Floats:
-        """What the orientation needs to know of the sensors, packed as (38,): see `orientation.attitude.known`."""
+        """Sensor parameters that the orientation needs, packed as (38,): see `orientation.attitude.known`."""
         model, accel, std = self.model, np.repeat([0.0, 1.0], 3), np.repeat([*self.model.cross_std, _ACCEL_STD], 3)
         std[:9:4] = model.scale_std
         if self.taught is not None:
@@ -113,7 +113,7 @@ class Belief:
 def believed(
     calibration: Calibration | None, earlier: Calibration | None, knobs: PriorKnobs, moves: float | None = None
 ) -> Belief:
-    """Choose the best available model: this boot's calibration, else an earlier boot's scale, else the datasheet.
+    """Choose the best available gyro model: this boot's calibration, else an earlier boot's scale, else the datasheet.
 
     moves: relative std of the scale from boot to boot (see gyro_model.repeatability). When unknown, the scale is as
     uncertain as `knobs.scale_std` says. The std of the bias is `knobs.bias_std` in every case.

@@ -112,7 +112,7 @@ class Lifecycle:
 
     @property
     def saved(self) -> tuple[str, str, Sentences, Sentences]:
-        """For `resume`: names of the state and of the state before the device went away, and the reasons of both."""
+        """State to save for `resume`: names of the present state and of that before the device went away; both reasons."""
         return self.state.name, self._before.name, self.reason, self._reason_before
 
     def resume(self, saved: tuple[str, str, Sentences, Sentences]) -> None:
@@ -125,16 +125,16 @@ class Lifecycle:
 
     @property
     def away(self) -> bool:
-        """Whether nothing arrives from the device: UNKNOWN or LOST."""
+        """True if nothing arrives from the device: UNKNOWN or LOST."""
         return self.state in AWAY
 
     @property
     def goes_on(self) -> Sentences:
-        """Reason of the state the device is in, or will return to when it is heard again."""
+        """Reason of the present state; while the device is away, of the state it will return to."""
         return self._reason_before if self.away else self.reason
 
     def say(self, reason: Sentences) -> None:
-        """Set the reason of the state the device is in, or will return to."""
+        """Set the reason of the present state; while the device is away, of the state it will return to."""
         if self.away:
             self._reason_before = reason
         else:

@@ -20,7 +20,7 @@ class OrientedCut(NamedTuple):
 
 
 def oriented(due: Sequence[tuple[Attitude, Cut]], *, every: bool = False) -> list[OrientedCut]:
-    """Carry attitudes over cuts of samples, of any number of devices in one call; returns each cut with its attitudes.
+    """Integrate attitudes over cuts of samples, of any number of devices; return each cut with its attitudes.
 
     due: pairs of a device's attitude and its next cut; the cuts of a device in order. The bits do not depend on how the
     samples are batched. Samples that an attitude restored from a checkpoint has seen already are left out. every: see

@@ -11,9 +11,9 @@ from estimator.device.window_summary import Second
 class Outcome:
     """Results of processing a device's samples, possibly of minutes.
 
-    corrected: corrected batches, when the samples were corrected at once; oriented: their attitudes, if wanted.
-    calibrations, revisions: messages to publish. seconds: blocks for window summaries. changed: whether the status is
-    news. said: lines to log, most important last.
+    corrected: corrected batches, where samples were corrected at once. oriented: their attitudes, if estimated.
+    calibrations, revisions: messages to publish. seconds: finished blocks, for window summaries.
+    changed: the device's status changed and must be published. said: lines to log, most important last.
     """
 
     corrected: list[CorrectedBatch] = field(default_factory=list)
@@ -26,5 +26,5 @@ class Outcome:
 
     @property
     def worded(self) -> bool:
-        """Whether there is a message to publish beside the samples: a status, calibration or revision."""
+        """True if there is a message to publish beside the samples: a status, calibration or revision."""
         return self.changed or bool(self.calibrations) or bool(self.revisions)

@@ -15,7 +15,7 @@ CACHE_S = 60.0
 
 @dataclass(frozen=True, slots=True)
 class PriorKnowledge:
-    """Stored calibration of a device, and the bias last tracked in this boot."""
+    """Stored calibration of a device, and the bias last stored in this boot."""
 
     calibration: Calibration | None
     bias: BiasState | None
@@ -26,7 +26,7 @@ class PriorKnowledge:
     asked: tuple[str, str] | None = None
 
     def under(self, calibration: Calibration) -> "PriorKnowledge":
-        """The same knowledge with another calibration; a bias that was doubted under the old one is dropped."""
+        """Return the same knowledge with another calibration; drop a bias that was doubted under the old one."""
         bias = None if self.doubted else self.bias
         return replace(self, calibration=calibration, bias=bias, doubted=False)
 
@@ -40,7 +40,7 @@ class PriorKnowledge:
         return wider(replace(self.bias, time=now), doubt_std) if self.lost_count(now) else self.bias
 
     def lost_count(self, now: float) -> bool:
-        """Whether the device clock lost count, so that the stored bias' age at device time `now`, s, is unknown."""
+        """Return whether the device clock missed time, so that the age of the stored bias at `now`, s, is unknown."""
         if self.bias is None:
             return False
         passed = now - self.bias.time

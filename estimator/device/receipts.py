@@ -9,7 +9,7 @@ from estimator.tracking.evidence import Receipt
 
 
 def receipt_message(receipt: Receipt, time_ns: int) -> messages.Receipt:
-    """Message of a filter receipt; time_ns: host time of the measurement, ns.
+    """Convert a filter receipt to a wire message. time_ns: host time of the measurement, ns since the Unix epoch.
 
     Values that are not finite become the worst of their range, an innovation that is no number becomes 0.
     """

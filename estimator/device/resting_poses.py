@@ -61,7 +61,7 @@ class RestingPoses:
         self._rest = np.add(self._rest, [second.end - second.start, n, n * np.mean(std**2), *(n * mean)])
 
     def end_rest(self) -> None:
-        """End the rest in progress, if any, and calibrate anew where it adds a pose or is the longest in its pose.
+        """End the rest in progress, if any, and calibrate again if it adds a pose or is the longest in its pose.
 
         A pose stays at least 30° from all others, so their number is bounded.
         """

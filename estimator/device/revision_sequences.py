@@ -14,13 +14,13 @@ REVISED_S = 2000
 
 
 class RevisionSequences:
-    """Latest tracked seconds of one boot: device time, sequence number and host time of the last sample of each."""
+    """Latest tracked seconds of one boot: device time, s, sequence number and host time, ns, of each last sample."""
 
     def __init__(self) -> None:
         self._seconds: deque[tuple[float, int, int]] = deque(maxlen=REVISED_S)
 
     def note(self, end: float, sequence: int, time_ns: int) -> None:
-        """Note the last sample of a tracked second: device time, s, sequence number, and host time, ns."""
+        """Note the last sample of a tracked second: device time, s, sequence number, and host time, ns since 1970."""
         self._seconds.append((end, sequence, time_ns))
 
     @property
@@ -39,8 +39,8 @@ class RevisionSequences:
     ) -> BiasRevision | None:
         """Build the revision of the bias during a gap, from the smoothed seconds whose samples are still known.
 
-        of: device and boot. time_ns: host time of the sample with which the revision became known. matrix (3, 3): of the
-        model. gap_s: length of the gap. Returns None when no second is known.
+        of: device and boot. time_ns: host time, ns, of the sample with which the revision became known. matrix (3, 3):
+        of the model. gap_s: length of the gap. Returns None when no second is known.
         """
         known = {time: (sequence, time_ns) for time, sequence, time_ns in self._seconds}
         kept = [i for i, time in enumerate(smoothed.time) if time in known]

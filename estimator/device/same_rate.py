@@ -6,6 +6,6 @@ SAME_RATE = 0.02
 
 
 def same_rate(one_hz: float, other_hz: float) -> bool:
-    """Whether two output data rates in Hz agree within SAME_RATE; an unknown rate, 0, equals no known one."""
+    """Return whether two output data rates in Hz agree within SAME_RATE; an unknown rate, 0, equals no known one."""
     low_hz, high_hz = sorted((one_hz, other_hz))
     return high_hz - low_hz <= SAME_RATE * low_hz

@@ -27,7 +27,7 @@ class SequenceNumbers:
         self.first = 0
 
     def is_new_boot(self, boot: int) -> bool:
-        """Whether samples with this boot id mean that the device has restarted."""
+        """Return whether samples with this boot id mean that the device has restarted."""
         if boot == self.boot or boot in self._past:
             return False
         before = None if self._before is None else self._before()
@@ -46,12 +46,12 @@ class SequenceNumbers:
         self.next = None
 
     def resume(self, boot: int, first: int, next_: int) -> None:
-        """Continue a boot first heard at sequence number `first`, from number `next_` on."""
+        """Continue a boot whose first received sample had number `first`, from number `next_` on."""
         self.begin(boot)
         self.first, self.next = first, next_
 
     def recall(self, boots: Callable[[], Iterable[int] | None]) -> None:
-        """Provide boot ids heard before this estimator knew the device, latest last; their samples count as old.
+        """Provide boot ids from before this estimator knew the device, latest last; their samples count as old.
 
         `boots` is called when an unknown boot appears, until it returns the ids instead of None. So a takeover of many
         devices need not load all boots first.
@@ -59,7 +59,7 @@ class SequenceNumbers:
         self._before = boots
 
     def follows(self, batch: Samples) -> bool:
-        """Whether a batch reaches beyond the last number of its boot, the present one or an earlier one."""
+        """Return whether a batch reaches beyond the last number of its boot, the present one or an earlier one."""
         came_to = self.next if batch.boot == self.boot else self._past.get(batch.boot)
         return came_to is None or batch.sequence + batch.n > came_to
 
@@ -83,7 +83,7 @@ class SequenceNumbers:
     def anew(self, came: int, out: int) -> "SequenceNumbers":
         """Counters for a new session after a failed one: the same counts and past boots, no current boot.
 
-        came, out: samples that came and samples that were published. The failed session has lost the rest.
+        came, out: numbers of samples that arrived and were published. The failed session has lost the difference.
         """
         fresh = SequenceNumbers()
         fresh.samples_in, fresh.samples_out = came, out
@@ -120,5 +120,5 @@ class SequenceNumbers:
 
     @property
     def seen(self) -> int:
-        """Number of samples the device has made in this boot since its first one heard, missing ones included."""
+        """Number of samples the device has made in this boot since the first one received, missing ones included."""
         return 0 if self.next is None else self.next - self.first

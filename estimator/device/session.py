@@ -48,13 +48,14 @@ OWN_REFUSED = "own calibration refused"
 
 
 class SessionState(StateStruct):
-    """Saved state of a device session, up to the sample numbered `next`, the first one not yet learnt from.
+    """Saved state of a device session, up to sample number `next`, the first that no estimate has used.
 
-    begun_s: device time of sample `next`, None when unknown. length_s: length of its block. latest_s: device time of the
-    sample before it. clock: see `Blocks`.
-    applied: correction of the block of `next`; ready: of the block after it, unless more is learnt.
+    begun_s: device time of sample `next`, None when unknown. length_s: length of its block. latest_s: device time of
+    the sample before it. clock: see `Blocks`.
+    applied: correction of the block of `next`; ready: of the block after it, unless a later estimate replaces it.
     life: lifecycle state, the state before the device went away, and the reasons of both.
-    attitude: state of the orientation, of the samples corrected so far, and what its heading counts from; None without one.
+    attitude: state of the orientation, of the samples corrected so far, and what its heading counts from; None without
+    one.
     """
 
     version: int
@@ -90,11 +91,11 @@ class DeviceSession(CorrectedStream):
         law: TemperatureLaw | None = None,
         temperature_c: float | None = None,
     ) -> Outcome:
-        """Begin a boot: drop the calibration of the previous one, then restore what is remembered of this one.
+        """Begin a boot: drop the calibration of the previous one, then restore the stored knowledge of this one.
 
         boot: its id. device_time: s, begin of the boot. remembered: stored calibration and bias, or None. law:
-        temperature law learnt in earlier boots. temperature_c: the device's temperature now, °C. Returns what this led
-        to, also of the previous boot.
+        temperature law from earlier boots, or None. temperature_c: the device's temperature now, °C. Returns the
+        outcome, which includes the end of the previous boot.
         """
         outcome = self.learn()  # the last block of the previous boot
         first, again = self.boot is None, boot == self.boot and self.sequence.next is None
@@ -128,7 +129,7 @@ class DeviceSession(CorrectedStream):
         outcome.said.append(english(lost))
 
     def start_over(self, why: Sentences) -> Outcome:
-        """Void the calibration and bias because the device has changed; its sample stream continues.
+        """Discard the calibration and bias because the device has changed; its sample stream continues.
 
         why: reason text, part of the status until the next calibration.
         """
@@ -155,12 +156,12 @@ class DeviceSession(CorrectedStream):
             self._apply()
 
     def moves(self, moves: float) -> None:
-        """Set how far the scale factors change from boot to boot (relative std), as learnt from earlier boots."""
+        """Set how far the scale factors change from boot to boot (relative std), computed from earlier boots."""
         if self.learnt.moves(moves):
             self._apply()
 
     def adopt(self, remembered: PriorKnowledge, calibration: Calibration) -> None:
-        """Adopt a calibration that another estimator made in this very boot; a calibration in progress ends.
+        """Adopt a calibration that another estimator made in this same boot; a calibration in progress ends.
 
         remembered: the bias that belongs to it.
         """
@@ -170,8 +171,8 @@ class DeviceSession(CorrectedStream):
     def offered(self, own: DeviceCalibration, now_ns: int) -> Outcome:
         """Judge a calibration that the device made itself, and use it if it is plausible.
 
-        It never replaces a calibration made here in this boot, and waits while turns are under way here. now_ns: host
-        time, ns. The outcome is empty where the calibration is not judged.
+        A device's own calibration never replaces one that this estimator made in this boot, and waits while turns are
+        in progress. now_ns: host time, ns. The outcome is empty where the calibration is not judged.
         """
         learnt, known = self.learnt, self.calibration
         if own == self._offered or self.life.away or learnt.turned or learnt.asked:
@@ -252,7 +253,7 @@ class DeviceSession(CorrectedStream):
         for correction in (saved.applied, saved.ready):
             correction.check()
             if correction.quality is Quality.GOOD and session.calibration is None:
-                raise ValueError("damaged state: GOOD, without a calibration of this boot")
+                raise ValueError("damaged state: quality GOOD without a calibration of this boot")
         session.life.resume(saved.life)
         session._blocks = Blocks(saved.latest_s)
         session._blocks.length_s = saved.length_s
@@ -333,9 +334,10 @@ class DeviceSession(CorrectedStream):
     ) -> Status:
         """Status message of the device for the bus: state, reason, quality, estimates, counters and new receipts.
 
-        time_ns: time of the status. silent_s: seconds since the last sample. more: events counted outside the session.
-        bridge, refused_bridges: the bridge listened to, and others that send the device. epoch: when this estimator
-        took the device over; higher is later. A receipt is told once.
+        time_ns: time of the status, ns since the Unix epoch. silent_s: seconds since the last sample. more: events
+        counted outside the session.
+        bridge, refused_bridges: the bridge listened to, and others that send the device. epoch: number of this
+        estimator's ownership; higher is later. Each receipt appears in one status only.
         """
         known, learnt = self._ready, self.learnt
         seldom = self._too_seldom() if self.life.state is State.AWAITING_STILL else ()
@@ -395,5 +397,5 @@ class DeviceSession(CorrectedStream):
 
 
 def _same(own: DeviceCalibration, known: Calibration) -> bool:
-    """Whether a calibration in use has these values."""
+    """Return whether a calibration in use has these values."""
     return np.array_equal(own.scale, known.matrix.diagonal()) and np.array_equal(own.bias, known.bias)

@@ -1,4 +1,4 @@
-"""Calibration that gravity taught the tracker while the device was worn: its matrix, bias and covariance. Pure."""
+"""Calibration estimated from gravity while the device was worn: its matrix, bias and covariance. Pure."""
 
 from dataclasses import replace
 
@@ -19,7 +19,9 @@ _SCALE = slice(3, 6)
 
 
 def learnt(tracker: Tracker, noise_std: Floats, turns: tuple[Turn, ...] = ()) -> Result:
-    """Calibration result from the tracker's bias and the matrix that gravity has taught it; `taught` must not be None.
+    """Return the tracker's bias, and its matrix estimated from gravity, as a calibration result.
+
+    `tracker.taught` must not be None.
 
     noise_std (3,) rad/s: of a reading. turns: of a calibration by hand that it continues.
     """
@@ -47,8 +49,8 @@ def learnt(tracker: Tracker, noise_std: Floats, turns: tuple[Turn, ...] = ()) ->
 def combined(by_hand: Result, worn: Calibration) -> Result:
     """Combine a calibration by hand with a worn one of the same boot; the one by hand alone where the two disagree.
 
-    The bias is that by hand; the scale factors by hand update the worn matrix, weighted by uncertainty. A method that
-    determines the whole matrix needs no such start.
+    The result has the bias by hand. Its matrix is the worn one, updated by the scale factors by hand, weighted by
+    uncertainty. If the method by hand determined the whole matrix, its result is returned unchanged.
     """
     if len(by_hand.parameters) > 6 or len(worn.parameters) != len(MATRIX_PARAMETERS):
         return by_hand

@@ -46,7 +46,7 @@ def history(
 
     Boots and calibrations are vertical lines; no line leads from one boot to the next. A band far wider than usual, as
     at a boot's first point, is cut off by the edge of the figure; the label says so.
-    words: False leaves only numbers, units and axes, for a page that explains the figure in its own language.
+    words: False draws only numbers, units and axes, for a page with its own explanation.
     dark: for a dark page. narrow: for a phone. zone: of the times shown.
     """
     warm = any(np.isfinite(boot.temperature_c).any() for boot in of.biases)

@@ -22,7 +22,7 @@ def axis_names(axes: Iterable[int]) -> str:
 
 
 def least_step(reading: Floats) -> Floats:
-    """Smallest difference between readings (n, 3) on each axis (3,): the rounding step.
+    """Smallest difference between readings (n, 3) on each axis (3,): the rounding step, in the same unit.
 
     The step is close to zero where readings are not rounded, and COARSE_STEP where they never differ.
     """
@@ -37,7 +37,7 @@ def least_step(reading: Floats) -> Floats:
 def rounding_var(std: Floats, step: Floats) -> Floats:
     """Variance (3,) that rounding leaves in the mean of readings at rest: step² / 12, or 0 where noise averages it out.
 
-    std (3,): standard deviation of a reading. step (3,): rounding step, in the same unit.
+    std (3,): standard deviation of a reading. step (3,): rounding step. The variance is in the square of their unit.
     Noise well below the step leaves the same rounding error in every reading, so averaging does not reduce the error.
     """
     return np.where(std < step / 2, step**2 / 12, 0.0)
@@ -46,13 +46,13 @@ def rounding_var(std: Floats, step: Floats) -> Floats:
 def mean_var(std: Floats, step: Floats, n: float) -> Floats:
     """Variance (3,) of the mean of n readings at rest, from noise and rounding.
 
-    std (3,): standard deviation of a reading. step (3,): rounding step, in the same unit.
+    std (3,): standard deviation of a reading. step (3,): rounding step. The variance is in the square of their unit.
     """
     return std**2 / n + rounding_var(std, step)
 
 
 def reading_std(std: Floats) -> Floats:
-    """Standard deviation (3,) of a reading, from the standard deviation (3,) observed at rest.
+    """Standard deviation (3,) of a reading, rad/s, from the standard deviation (3,) observed at rest, rad/s.
 
     A coarse gyro may show no noise at rest. Its readings then have the standard deviation of rounding by COARSE_STEP.
     """

@@ -49,9 +49,9 @@ def last_before(calibration: Calibration, known: Iterable[Calibration]) -> Calib
 
 
 def compared(calibration: Calibration, before: Calibration | None) -> tuple[AxisCompared, ...]:
-    """Compare each axis with the calibration before, if any.
+    """Compare each axis with the earlier calibration `before`, or None.
 
-    Scale factors only, as the biases are of different boots.
+    Only scale factors are compared, as the biases belong to different boots.
     """
     std = stds(calibration)
     then = {} if before is None else stds(before)

@@ -97,7 +97,7 @@ class Guide:
         self._tried: int | None = None
 
     def take_samples(self, batch: SampleBatch) -> None:
-        """Process the device's next batch of raw readings: rests, turns, and how the device lies."""
+        """Process the device's next batch of raw readings, to follow rests, turns and how the device lies."""
         was_settled = self.hand.settled
         self.hand.take(batch)
         if was_settled and not self.hand.settled:
@@ -183,7 +183,7 @@ class Guide:
         return Instruction(Step.TURN, way, words, 0.0, 0.0, axis, done, needed, wrong, laid=hand.laid and not wrong)
 
     def _is_no_attempt(self, one: Sentence) -> bool:
-        """Whether a rejected movement only laid the device on another face, as it was asked for or as it lay before."""
+        """Return whether a rejected movement only laid the device on another face: as the guide asked, or as before."""
         if one.code == Code.VERTICAL_TURN:
             return self.hand.laid and self._way(AXES.index(one.params["axis"])) is not Picture.SIDE
         return self.hand.laid and one.code in _OF_ATTEMPTS
@@ -227,7 +227,7 @@ class Guide:
 
     @property
     def _sure(self) -> bool:
-        """Whether rests count now: a calibration is running, and readings and status are of the same boot."""
+        """True if rests count now: a calibration is running, and readings and status are of the same boot."""
         return self._status is not None and self._status.state in CALIBRATING and self.hand.boot == self._status.boot
 
     def _turning(self, status: Status, done: tuple[int, ...], needed: tuple[int, ...]) -> Instruction:
@@ -246,7 +246,7 @@ class Guide:
         return Instruction(Step.TURNING, picture, words, ring, angle, axis, done, needed)
 
     def _judging(self, status: Status) -> bool:
-        """Whether a turn is in progress, or has ended and awaits the estimator's verdict."""
+        """Return whether a turn is in progress, or has ended and awaits the estimator's verdict."""
         if not self.hand.settled:
             return True
         waited = self.hand.still_s > self.hand.rest_s + _JUDGED_S
@@ -278,7 +278,7 @@ class Guide:
 def wrong_in(reason: Sentences) -> Sentences:
     """Return the faults among a status's reasons, without the usual messages.
 
-    After the turns still needed comes why an earlier verdict refused: a turn that was taken since is no fault.
+    The sentences after the list of turns still needed repeat an earlier verdict; a turn accepted since is no fault.
     """
     codes = [one.code for one in reason]
     if Code.TURN_TAKEN in codes and Code.TURNS_NEEDED in codes:

@@ -83,11 +83,11 @@ class Hand:
 
     @property
     def moved(self) -> bool:
-        """Whether the device has turned by more than a nudge (30°) since the last rest."""
+        """True if the device has turned by more than a nudge (30°) since the last rest."""
         return float(np.linalg.norm(self.turned)) > NUDGE
 
     def believe(self, along: int) -> None:
-        """Assume that this axis lies along the table's edge, as a person showed by turning the device about it."""
+        """Assume that this axis (0, 1, 2) lies along the table's edge: a person turned the device about it that way."""
         if along != self.top:
             self.edge = along
 

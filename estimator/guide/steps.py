@@ -8,7 +8,7 @@ from bridge.reasons.codes import Sentences
 
 @dataclass(frozen=True, slots=True)
 class Words:
-    """A sentence of the guide to be worded later: the key of its text, and the values to fill in."""
+    """A sentence of the guide: the key of its text in each language, and the values to fill in."""
 
     key: str
     values: dict[str, str] = field(default_factory=dict)

@@ -22,7 +22,7 @@ from estimator.installation.ward_text import Plan, completed, virtual_devices
 def install(
     plan: Plan, found: Sequence[Verdict], hashed: Callable[[str], str], say: Callable[[str], None], *, dry: bool
 ) -> tuple[Plan, Ward, list[str]]:
-    """Install a ward: write what is missing of its ward file, certificates, folders and people.
+    """Install a ward: write the missing parts of its ward file, certificates, folders and people.
 
     Returns the plan with what an earlier run made, the ward file's content, and what is left to do.
     found: what a scan of the serial ports found. hashed: gives the hash of a new person's

@@ -53,7 +53,7 @@ class Plan:
 def completed(plan: Plan, there: str, found: str) -> str:
     """Return the text of this machine's ward file, completed with router, estimator, page and recorder.
 
-    What is there stays, comments too.
+    Existing content stays, comments too.
     there: the file's text, or empty. found: blocks of newly found devices.
     """
     path = plan.folder / "ward.toml"

@@ -10,7 +10,7 @@ from estimator.kernels.compiled import Floats, compiled
 
 
 def innovation(z: Floats, H: Floats, R: Floats, x: Floats, P: Floats, y: Floats, S: Floats) -> bool:
-    """Write the innovation y = z - H x (m,) and its covariance S = H P H' + R (m, m).
+    """Write the innovation y = z - H x (m,) and its covariance S = H P H' + R (m, m), in the units of z.
 
     Returns whether all elements are finite and each element of z has noise.
     """
@@ -54,7 +54,7 @@ def whitened(y: Floats, S: Floats) -> tuple[Floats, Floats]:
 def given(first: int, L: Floats, a: Floats, y: Floats, S: Floats) -> None:
     """Replace y (m,) and S (m, m) in place by the innovation and covariance given the first `first` elements.
 
-    L (m, m), a (m,): result of `whitened`. The covariance between both groups becomes 0.
+    L (m, m), a (m,): result of `whitened`. Units stay those of z. The covariance between both groups becomes 0.
     """
     for i in range(first, len(y)):
         y[i] = 0.0

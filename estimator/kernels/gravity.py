@@ -60,8 +60,8 @@ def carried_over(x: Floats, span: Floats, after: Floats, kept: float, strength: 
 def stirred(Q: Floats, tilting: Floats, seconds: float, doubt: float, noise: tuple[float, float, float]) -> None:
     """Write the process noise of a span of `seconds` into Q (24, 24).
 
-    tilting (3, 3): gravity's change by a rotation. doubt: second-order variance of gravity, (m/s²)². noise: variances
-    added to rotation, velocity and accelerometer bias.
+    tilting (3, 3), m/s² per rad: gravity's change by a rotation. doubt: second-order variance of gravity, (m/s²)².
+    noise (3,): variances added to rotation, rad², velocity, (m/s)², and accelerometer bias, (m/s²)².
     """
     turned, pushed, posed = noise
     for i in range(3):
@@ -86,13 +86,13 @@ def stirred(Q: Floats, tilting: Floats, seconds: float, doubt: float, noise: tup
 def carried(
     x: Floats, P: Floats, span: Floats, kept: float, strength: float, noise: tuple[float, float, float]
 ) -> tuple[Floats, Floats, Floats]:
-    """Propagate the state x (24,) of tracking/gravity.py over a span: new state (24,), F and Q (24, 24).
+    """Propagate the state x (24,) of tracking/gravity.py over a span; return the new state (24,), F and Q (24, 24).
 
     P (24, 24): covariance of x. span: rows of kernels/strapdown.py. kept: share of the accelerometer's bias that
-    remains. strength: magnitude of gravity, m/s². noise: variances that the span adds to the rotation, to each velocity
-    component and to each accelerometer bias component.
-    An uncertain angle, from bias or matrix, also shifts gravity by half of its square. F has no such term, so Q has it
-    as noise (second order; A. H. Jazwinski, "Stochastic Processes and Filtering Theory" (1970), ch. 9).
+    remains. strength: magnitude of gravity, m/s². noise (3,): variances that the span adds to the rotation, rad², to
+    each velocity component, (m/s)², and to each accelerometer bias component, (m/s²)². An uncertain angle, from bias or
+    matrix, also shifts gravity by half of its square. F has no such term, so Q has it as noise (second order; A. H.
+    Jazwinski, "Stochastic Processes and Filtering Theory" (1970), ch. 9).
     """
     F, Q, after, tilting = np.eye(24), np.zeros((24, 24)), np.empty(3), np.zeros((3, 3))
     push, push_by_accel, seconds = span[3], span[12:15], span[33, 0]

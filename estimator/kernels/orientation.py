@@ -42,9 +42,10 @@ def carried(
     cov: Floats,
     trace: Floats,
 ) -> None:
-    """Carry states (k, SIZE) over rows (n, 9) of estimator/samples/sample_buffer.py, in place; write out (n, WIDTH).
+    """Integrate states (k, SIZE) over rows (n, 9), in place; write the results to out (n, WIDTH).
 
-    cov, written: covariance of phi as in the state, (n, 6) of every sample, or (m, 6) of the last of each device's rows.
+    rows: columns of samples/sample_buffer.py. cov, written: covariance of phi as in the state, (n, 6) of every sample, or
+    (m, 6) of the last of each device's rows.
 
     The first counts[0] rows are of the device which[0], corrected as known[0] says, and so on; known (m, KNOWN).
     knobs (11,): settings in the order of orientation/attitude.py. trace (n, TRACE), or (0, TRACE) where none is wanted.

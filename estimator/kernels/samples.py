@@ -14,7 +14,7 @@ COUNT, ACCEL, CELSIUS, FLAGS, FIRST, START = range(6)
 
 
 def vector(values: Float32s, limit: float, row: Floats) -> bool:
-    """Copy a reading (3,) into row (3,); return whether each value is within ±limit, and none is NaN."""
+    """Copy a reading (3,) into row (3,); return whether each value is a number within ±limit, in the same unit."""
     fit = True
     for c in range(3):
         fit &= bool(abs(values[c]) <= limit)
@@ -53,11 +53,10 @@ def unpacked(
     places: Wholes,
     found: Floats,
 ) -> None:
-    """Unpack the samples of m messages into rows (n, 9) and places (n, 3) of estimator/samples/sample_buffer.py, with checks.
+    """Unpack the samples of m messages into rows (n, 9) and places (n, 3) of samples/sample_buffer.py, with checks.
 
-    found (3, m), written for each message: device time of its first and last sample, and whether all of its samples are
-    valid.
-    numbers (6, m): see above. clocks (2, m): tick period, s, and clock rate.
+    found (3, m), written for each message: device time, s, of its first and last sample, and whether all of its samples
+    are valid. numbers (6, m): rows as listed at the top of this file. clocks (2, m): tick period, s, and clock rate.
     ticks: the ticks of all messages one after the other, packed as on the wire. Behind them in the same memory, which
     floats and words view in two types, lie all gyro, then all accel, °C and flags.
     limits: largest gyro, accel, °C and host time; masks of known flags, of those that make a reading unfit, and of
@@ -99,9 +98,10 @@ def corrected(
 ) -> bool:
     """Write corrected rates (n, 3) of rows (n, 9), limited to ±limit; return whether any rate was beyond the limit.
 
-    beyond (n,), written: which samples were limited. The first counts[0] rows use parameters[0], the next counts[1]
-    rows parameters[1], and so on; parameters (m, 12) are matrix and bias. rate = matrix (reading - bias), summed from
-    the left as in gyro_model.py. The bits are the same for any number of rows at once.
+    rows: columns of samples/sample_buffer.py. beyond (n,), written: which samples were limited. The first counts[0]
+    rows use parameters[0], the next counts[1] rows parameters[1], and so on; parameters (m, 12) are matrix and bias.
+    rate = matrix (reading - bias), summed from the left as in gyro_model.py. The bits are the same for any number of
+    rows at once.
     """
     at, found = 0, False
     for m in range(len(counts)):

@@ -9,7 +9,7 @@ WAITING = 64
 
 
 def nothing_gathered() -> tuple[Floats, Floats]:
-    """Initial state (9,) and empty storage (WAITING, 6) for waiting windows, as `cut` needs them."""
+    """Return the initial state (9,) and empty storage (WAITING, 6) for waiting windows, as `cut` needs them."""
     state = np.zeros(9)
     state[0] = -np.inf
     return state, np.empty((WAITING, 6))
@@ -32,12 +32,12 @@ def cut(
 
     A row: index of the window that completes the second, number of its first sample and of the one after its last,
     whether it is still, whether it has an accelerometer.
-    first: number of the sample that `found` counts from. begin: offset of the first window from there.
-    waiting (WAITING, 6): windows that wait: begin and end time, whether the window is still if stillness lasts, first
-    sample and the one after the last, whether it has an accelerometer.
+    first: number of the sample that `found` counts from. begin: offset of the first window from there. Times are device
+    time, s. waiting (WAITING, 6): windows that wait: begin and end time, whether the window is still if stillness
+    lasts, first sample and the one after the last, whether it has an accelerometer.
     state (9,): end time of the last moving window; number of waiting windows; of the second in progress: whether there
-    is one, its begin, its first sample, whether its latest window is still, whether all are, whether all have an
-    accelerometer; spikes in all windows so far.
+    is one, its begin time, number of its first sample, whether its latest window is still, whether all are, whether all
+    have an accelerometer; number of spikes in all windows so far.
     """
 
     def close(row: Floats, window: int, behind: float) -> None:

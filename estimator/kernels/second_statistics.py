@@ -21,7 +21,7 @@ def timed(time: Floats, first: float, dt: Floats) -> float:
 
 
 def spread(read: Floats) -> tuple[float, float]:
-    """Mean and standard deviation of readings (n,), n > 1."""
+    """Mean and standard deviation, in the unit of the readings (n,), n > 1."""
     n, total, square = len(read), 0.0, 0.0
     for i in range(n):
         total += read[i]
@@ -32,7 +32,7 @@ def spread(read: Floats) -> tuple[float, float]:
 
 
 def jittered(read: Floats) -> tuple[float, float, float]:
-    """Least and largest of readings (n,), n > 2, and the standard deviation of the steps between neighbours."""
+    """Least and largest of readings (n,), n > 2, and the standard deviation of steps between neighbours; same unit."""
     n, low, high, jitter = len(read), read[0], read[0], 0.0
     jump = (read[n - 1] - read[0]) / max(1, n - 1)
     for i in range(1, n):
@@ -44,8 +44,8 @@ def jittered(read: Floats) -> tuple[float, float, float]:
 def on_grid(read: Floats, low: float, high: float, grid: float) -> float:
     """Smallest difference between readings (n,) that are multiples of `grid` apart.
 
-    low, high: least and largest reading. Infinite where all are equal, NaN where they are off the grid or it is too
-    wide.
+    low, high, grid: least and largest reading, and the grid, in their unit. Infinite where all are equal, NaN where
+    they are off the grid or it is too wide.
     """
     # Sorting would take longer than all the rest here.
     if not high - low < _LEVELS * grid < np.inf:
@@ -67,7 +67,7 @@ def on_grid(read: Floats, low: float, high: float, grid: float) -> float:
 def stepped(read: Floats, low: float, high: float, known: float, step_if_none: float) -> float:
     """Smallest difference between readings (n,), the rounding step; `step_if_none` where all are equal.
 
-    low, high: least and largest reading. known: least step known before, tried first as a grid.
+    low, high: least and largest reading, in the same unit. known: least step known before, tried first as a grid.
     """
     step = on_grid(read, low, high, known)
     if np.isnan(step):

@@ -22,7 +22,7 @@ def nothing_known(noise_guess: float) -> tuple[Floats, Floats]:
 
 
 def near(a: Floats, b: Floats, tolerance: float) -> bool:
-    """Whether two rates (3,) differ by less than `tolerance` (same unit) on every axis."""
+    """Return whether two rates (3,) differ by less than `tolerance` (same unit) on every axis."""
     return bool(abs(a[0] - b[0]) < tolerance and abs(a[1] - b[1]) < tolerance and abs(a[2] - b[2]) < tolerance)
 
 
@@ -50,7 +50,7 @@ def window_end(time: Floats, read: Floats, begin: int, fewest: int, window_s: fl
 
 
 def summed(read: Floats, mean: Floats, std: Floats) -> None:
-    """Write mean (6,) and standard deviation (6,) of readings (n, 6), gyro and accel, n > 1."""
+    """Write mean (6,) and standard deviation (6,) of readings (n, 6): gyro, rad/s, and accel, m/s²; n > 1."""
     n = len(read)
     mean[:], std[:] = 0.0, 0.0
     for i in range(n):
@@ -94,7 +94,7 @@ def mended(read: Floats, clipped: Floats, before: Floats, spikes: tuple[float, f
 
 
 def broken(time: Floats, clipped: Floats, before: float, gap_s: float) -> tuple[bool, bool]:
-    """Whether a window has a gap of gap_s or more between samples, and whether a reading in it is clipped.
+    """Return whether a window has a gap of gap_s or more between samples, and whether a reading in it is clipped.
 
     time (n,) s, clipped (n,): of the window's samples. before: time of the sample before it, s.
     """
@@ -107,10 +107,10 @@ def broken(time: Floats, clipped: Floats, before: float, gap_s: float) -> tuple[
 
 
 def quiet(mean: Floats, std: Floats, rate_hz: float, noise: Floats, knobs: tuple[float, ...]) -> bool:
-    """Whether readings of this mean (6,) and std (6,) scatter no more than at rest; accel's mean is NaN without one.
+    """Return whether readings of mean (6,) and std (6,) scatter no more than at rest; accel's mean is NaN without one.
 
-    rate_hz: sample rate in the window. noise (4,): rate at which the noise was learnt, and the noise. knobs: see
-    `judged`.
+    rate_hz: sample rate in the window. noise (4,): sample rate, Hz, at which the noise was measured, and the noise (3),
+    rad/s. knobs: see `judged`.
     """
     _, _, factor, floor, jolt, _, _, ceiling, _, _, _, _ = knobs
     # At a higher output data rate a reading averages over less time: its noise is larger until learnt anew.
@@ -122,7 +122,7 @@ def quiet(mean: Floats, std: Floats, rate_hz: float, noise: Floats, knobs: tuple
 
 
 def rests(mean: Floats, begun: float, ended: float, state: Floats, knobs: tuple[float, ...]) -> bool:
-    """Whether a quiet window of mean rate (3,) belongs to a rest, or is long enough at another rate to be one.
+    """Return whether a quiet window of mean rate (3,) belongs to a rest, or is long enough at another rate to be one.
 
     begun, ended: times of the window, s. state (5, 4), changed in place, and knobs: see `judged`.
     """
@@ -144,7 +144,7 @@ def rests(mean: Floats, begun: float, ended: float, state: Floats, knobs: tuple[
 
 
 def middle(values: Floats, lower: int) -> float:
-    """Median of values; of an even number the mean of the two in the middle, or with lower = 0 the upper of the two."""
+    """Median of values (n,). Of an even number: the mean of the middle two, or with lower = 0 the upper of the two."""
     known, ordered = len(values), np.empty(RECENT)
     for i in range(known):
         place = i
@@ -156,7 +156,7 @@ def middle(values: Floats, lower: int) -> float:
 
 
 def learnt(known: int, state: Floats, recent: Floats) -> bool:
-    """Update the mean of the rest and the noise from the latest `known` windows; return whether the noise was updated.
+    """Update the mean of the rest and the noise from the latest `known` windows; return whether the noise changed.
 
     state (5, 4), changed in place, and recent (RECENT, 7): see `judged`.
     """
@@ -183,12 +183,13 @@ def judged(rows: Floats, state: Floats, recent: Floats, knobs: tuple[float, ...]
     """Cut samples, rows (n, 9) of samples/sample_buffer.py, into windows and judge each: result (m, 22).
 
     Spikes are mended in the rows. Each result row: begin and end time, s, index after its last sample, number of
-    spikes; flags: still, has an accelerometer, contributed to the noise estimate; mean (6), std (6); noise (3).
-    state (5, 4), each row a number and three axes: time and reading of the last sample; number of windows in this rest,
-    and its mean after four of them; begin and mean of a stretch that is quiet at another rate; sample rate at which the
-    noise was learnt, and the noise; unused, and the mean of the last rest.
-    recent (RECENT, 7): mean, rate and std of the latest windows of this rest. knobs: limits of stillness/detector.py, as
-    ordered in the detector.
+    spikes; flags: still, has an accelerometer, contributed to the noise estimate; mean (6) and std (6) of gyro, rad/s,
+    and accel, m/s²; noise (3), rad/s. state (5, 4), each row a number and three axes: time and reading of the last
+    sample; number of windows in this rest, and its mean after four of them; begin and mean of a stretch that is quiet
+    at another rate; sample rate, Hz, at which the noise was measured, and the noise, rad/s; unused, and the mean of the
+    last rest.
+    recent (RECENT, 7): mean, rate and std of the latest windows of this rest. knobs: limits of stillness/detector.py,
+    as ordered in the detector.
     """
     window_s, least, _, _, _, _, _, _, gap_s, far, unusual, alone = knobs
     last, rest, odd, noise = state[0], state[1], state[2], state[3]

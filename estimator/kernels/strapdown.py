@@ -106,9 +106,10 @@ def moved_ahead(dt: Floats, force: Floats, carried: Floats, push: Floats) -> Flo
 
 
 def slopes(carried: Floats, moved: Floats, rate: Floats, by_bias: Floats, by_matrix: Floats) -> None:
-    """Write the slopes of rotation and push by a rate error of each device axis (6, 3), and by the matrix (6, 9).
+    """Write the slopes of rotation, rad, and push, m/s, by a rate error, rad/s (6, 3), and by the matrix (6, 9).
 
-    carried, moved (9, n): results of `turned` and `moved_ahead`. Rows: rotation (3), then push (3).
+    carried, moved (9, n): results of `turned` and `moved_ahead`. Rows: rotation (3), then push (3). Columns of the
+    first: device axes.
     """
     n = len(rate)
     for r in range(3):

@@ -7,10 +7,10 @@ from estimator.kernels.compiled import Floats, compiled
 
 @compiled("b1(f8[:, :, ::1], f8, f8)")
 def calm(means: Floats, motion_var: float, scatter: float) -> bool:
-    """Whether the means of k seconds scatter as little as in one rest: below `scatter` times the expected variance.
+    """Return whether means of k seconds scatter as little as in one rest: below `scatter` times the expected variance.
 
-    Two means are always calm. means (k, 2, 3): means, rad/s, and their variances. motion_var: variance of a resting
-    body's motion, added to these.
+    Two means are always calm. means (k, 2, 3): means, rad/s, and their variances, (rad/s)². motion_var, (rad/s)²:
+    variance of a resting body's motion, added to these.
     """
     k = len(means)
     if k <= 2:
@@ -48,9 +48,9 @@ def upright(up: Floats) -> Floats:
 
 @compiled("Tuple((f8[::1], f8[:, ::1], f8[:, ::1], f8[::1]))(f8[:, :], f8[:], f8[:], f8[:], i8)")
 def along(axes: Floats, mean: Floats, var: Floats, common: Floats, n: int) -> tuple[Floats, Floats, Floats, Floats]:
-    """Measurement of the bias along axes (m, 3) from a mean rate: z (m,), H (m, n), R (m, m) and common variances (m,).
+    """Measurement of the bias along axes (m, 3) from a mean rate: z (m,), H (m, n), R (m, m), common variances (m,).
 
-    mean (3,) has variance var (3,), of which common (3,) is the error shared by all means.
+    mean (3,) rad/s has variance var (3,), (rad/s)², of which common (3,) is the error shared by all means.
     """
     m = len(axes)
     z, H, R, shared = np.zeros(m), np.zeros((m, n)), np.zeros((m, m)), np.zeros(m)

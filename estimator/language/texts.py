@@ -35,7 +35,10 @@ class Texts:
         return str(self._texts["name"])
 
     def __call__(self, key: str, **values: object) -> str:
-        """Return the text of a dotted key, such as `guide.title`, with its fields filled in. Raises KeyError."""
+        """Return the text of a dotted key, such as `guide.title`, with its fields filled in.
+
+        Raises KeyError for an unknown key.
+        """
         section, _, name = key.partition(".")
         return str(self._texts[section][name]).format(**values)
 
@@ -48,7 +51,10 @@ class Texts:
         return self._catalogue.label(label)
 
     def say(self, section: str, words: Words) -> str:
-        """Return a sentence of the calibration guide, from its section, key and values. Raises KeyError."""
+        """Return a sentence of the calibration guide, from its section, key and values.
+
+        Raises KeyError if it is unknown.
+        """
         return self(f"{section}.{words.key}", **words.values)
 
 

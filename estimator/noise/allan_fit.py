@@ -39,7 +39,7 @@ class Coefficient:
 
     @property
     def seen(self) -> bool:
-        """Whether the record shows this noise; if not, only the upper limit `high` is known."""
+        """True if the record shows this noise; if not, only the upper limit `high` is known."""
         return self.low > 0
 
 
@@ -85,7 +85,7 @@ def identify(rate: Floats, rate_hz: float) -> Noise:
     """
     factors = octaves(len(rate))
     if len(factors) < _LEAST_OCTAVES:
-        raise ValueError(f"{len(rate)} rates; at least {3 << (_LEAST_OCTAVES - 1)} are needed")
+        raise ValueError(f"only {len(rate)} rates are given; at least {3 << (_LEAST_OCTAVES - 1)} are needed")
     variance = np.maximum(overlapping(rate, factors), 1e-12 * rate.var())  # alternating readings average to zero
     tau = np.array(factors) / rate_hz
     terms, each = _terms(tau), degrees_of_freedom(len(rate), factors)
@@ -133,7 +133,7 @@ def _tried(terms: Floats, variance: Floats, each: Floats, most: int) -> Iterator
 
 
 def _white(terms: Floats, variance: Floats, each: Floats) -> "_Fit | None":
-    """Fit of the shortest octaves if they are mostly white noise, else None.
+    """Fit of the shortest octaves if white noise dominates them, else None.
 
     No filter shapes white noise, so any misfit then comes from slower noise.
     """

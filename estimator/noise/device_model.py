@@ -74,8 +74,8 @@ def _check(table: Struct, more_than_zero: tuple[str, ...] = ()) -> None:
         value = getattr(table, key)
         for number in () if value is None else np.ravel(value):
             if not 0 <= number <= _MOST or (key in more_than_zero and number == 0):
-                least = "more than 0" if key in more_than_zero else "0 or more"
-                raise ValueError(f"{key} is {number:g}; {least} is taken, {_MOST:g} at most")
+                least = "above 0" if key in more_than_zero else "from 0"
+                raise ValueError(f"{key} is {number:g}: use a number {least}, up to {_MOST:g}")
 
 
 class _Gyro(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -114,7 +114,7 @@ class _File(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 def load_model(name: str | Path) -> NoiseModel:
     """Load the noise model of a device kind: by name if it comes with truerate, else by the path of its .toml file.
 
-    Raises ConfigError.
+    Raises ConfigError for an unknown name and an invalid file.
     """
     file = load(file_of(name, "device model", _FOLDERS), _File)
     gyro, accel = file.gyro, file.accel

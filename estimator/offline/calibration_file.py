@@ -187,7 +187,8 @@ def accelerometer_as_json(one: AccelerometerCalibration) -> dict[str, Any]:
 def load(path: Path | str) -> Calibration:
     """Read an accepted calibration from a file and check that its values are plausible.
 
-    The file has no time, so `time_ns` is 0. Device and boot may be absent. Raises CalibrationFileError.
+    The file has no time, so `time_ns` is 0. Device and boot may be absent. Raises CalibrationFileError for an
+    unreadable file, a rejected calibration, and a value that cannot be right.
     """
     path = Path(path)
     file = _read(path)
@@ -304,13 +305,13 @@ def _symmetric(name: str, rows: list[list[float]], n: int) -> Floats:
     std = np.sqrt(np.diag(covariance))
     if std.min() < _LEAST_STD:
         raise ValueError(
-            f"{name} says that a parameter is sure to {std.min():.3g}; no calibration is sure to {_LEAST_STD:g}"
+            f"{name} gives a parameter the standard deviation {std.min():.3g}; at least {_LEAST_STD:g} is expected"
         )
     correlation = covariance / np.outer(std, std)
     if np.abs(correlation - correlation.T).max() > 1e-6:
         raise ValueError(f"{name} is not symmetric")
     if (least := np.linalg.eigvalsh(correlation)[0]) < -1e-6:
-        raise ValueError(f"{name} is none: it has an eigenvalue below 0 ({least:.2g} of the correlations)")
+        raise ValueError(f"{name} is not a covariance: it has an eigenvalue below 0 ({least:.2g} of the correlations)")
     return covariance
 
 

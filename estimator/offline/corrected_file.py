@@ -30,7 +30,7 @@ _MARK = "quality_names"
 
 
 def check(out: Path, recorded: Path) -> None:
-    """Refuse an output path that cannot be written to, before anything is computed. Raises RecordingError.
+    """Refuse an output path that cannot be written to, before anything is computed. Raises RecordingError if so.
 
     An existing file may be overwritten only if truerate wrote it as a corrected recording.
     """
@@ -76,7 +76,8 @@ def _is_corrected(path: Path) -> bool:
 def save(out: Path, corrected: CorrectedRecording, recording: Recording, tell: Tell | None = None) -> None:
     """Write a corrected recording to `out`, in the format of its ending, whole or not at all; an old file is replaced.
 
-    tell(done, n): progress in rows. Call `check` first: it refuses unusable paths. Raises RecordingError.
+    tell(done, n): progress in rows. Call `check` first: it refuses unusable paths. Raises RecordingError if writing
+    fails.
     """
     c, qualities = corrected, np.array([quality.name for quality in sorted(Quality)])
     passed_on = {"accel_m_s2": recording.accel, "temperature_c": recording.temperature_c}

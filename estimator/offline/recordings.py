@@ -64,7 +64,7 @@ def calibrate(
     the entire recording at once. The accelerometer is calibrated by all rests of the recording.
     gyro_range: full-scale range in rad/s, 0 when unknown; readings at 99 % of it count as clipped.
     rates: a machine's known rates in rad/s, for the methods that need them; other methods ignore them.
-    knobs: settings of the device's kind; the default assumes nothing. Their calibration method is ignored.
+    knobs: settings of the device's kind; the default assumes nothing. The calibration method in `knobs` is ignored.
     """
     knobs = knobs or SessionKnobs()
     samples = Samples(recording.time_s, recording.gyro, recording.accel, _flags(recording, gyro_range) & UNFIT != 0)
@@ -120,7 +120,7 @@ def correct(
     batch: int | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> CorrectedRecording:
-    """Correct a recording as the live service would: each row uses what was known when its sample came.
+    """Correct a recording as the live service would: each row uses the knowledge at its sample's time.
 
     calibration: calibration to correct with. From the same boot, its bias counts as old until the recording confirms
     it. From another boot (`other_boot`, or its own boot, range or rate
@@ -261,7 +261,7 @@ class _Pass:
         last, rows, session = self._last, self.rows, self._session
         if last is None or rows.filled != len(self._recording):
             raise RuntimeError(
-                f"{self._recording.name}: {rows.filled} of {count(len(self._recording), 'sample')} came out"
+                f"{self._recording.name}: only {rows.filled} of {count(len(self._recording), 'sample')} were corrected"
             )
         matrix, name = self._known[last.calibration]
         if self._untaught:
@@ -291,7 +291,7 @@ class _Pass:
 def _usable(calibration: Calibration | Result, recording: Recording) -> Calibration:
     if calibration.verdict is not Verdict.ACCEPTED:
         raise ValueError(
-            f"a calibration with verdict {calibration.verdict.name} corrects nothing: {english(*calibration.reason)}"
+            f"a calibration with verdict {calibration.verdict.name} cannot correct a recording: {english(*calibration.reason)}"
         )
     known = of_result(calibration) if isinstance(calibration, Result) else calibration
     if known.device and recording.device and known.device != recording.device:
@@ -351,7 +351,7 @@ def _check_range(recording: Recording, gyro_range: float) -> None:
         most = np.degrees(np.abs(recording.gyro[beyond[0]]).max())
         raise RecordingError(
             f"{recording.name}: {most:.0f} °/s at sample {beyond[0]} is more than twice the range given, "
-            f"{np.degrees(gyro_range):.0f} °/s; is the range right?"
+            f"{np.degrees(gyro_range):.0f} °/s: check the range"
         )
 
 

@@ -85,5 +85,5 @@ def _smooth_attitudes(rows: Rows, recording: Recording, session: DeviceSession) 
 
 
 def _between(now: Floats, time: Floats, values: Floats) -> Floats:
-    """Interpolate values (m, 3) at times (m,) linearly to the times `now` (n,): (n, 3)."""
+    """Interpolate values (m, 3) at times (m,) linearly to the times `now` (n,), s; return (n, 3)."""
     return np.column_stack([np.interp(now, time, column) for column in values.T])

@@ -85,7 +85,7 @@ class Oriented(NamedTuple):
 
 
 def known(model: GyroModel, bias_std: Floats, std: Floats, flicker: float, walk: float, accel: Floats) -> Floats:
-    """Pack what is known of a device's sensors into one array (38,), as `Attitude` needs it.
+    """Pack sensor errors and their uncertainties into one array (38,), as `Attitude` needs it.
 
     bias_std (3,) and flicker, rad/s: of the bias and its instability. std (12,): standard deviations of the matrix,
     relative, row by row, and of the accelerometer's bias, m/s². walk: rate random walk, rad/s per root second. accel
@@ -95,9 +95,9 @@ def known(model: GyroModel, bias_std: Floats, std: Floats, flicker: float, walk:
 
 
 class Attitude:
-    """Attitude of one device in one boot, carried sample by sample.
+    """Attitude of one device in one boot, integrated sample by sample.
 
-    state (120,): the complete state, which may be saved and given back; None begins anew.
+    state (120,): the complete state, which may be saved and given back; None begins a new attitude.
     zero: why the heading was zero last: `start`, or who reset it. Raises ValueError for a damaged state.
     """
 
@@ -113,7 +113,7 @@ class Attitude:
 
     @property
     def begun(self) -> bool:
-        """Whether the attitude has begun: at least one sample was taken."""
+        """True if the attitude has begun: at least one sample was taken."""
         return not np.isnan(self.state[loop.TIME])
 
     @property
@@ -135,22 +135,19 @@ class Attitude:
         return cov
 
     def take(self, rows: Floats, known: Floats) -> Oriented:
-        """Carry the attitude over samples, and return the attitude, acceleration and covariance at each.
+        """Integrate the attitude over samples; return attitude, acceleration, m/s², and covariance, rad², at each.
 
         rows (n, 9): columns of samples/sample_buffer.py. known (38,): result of the function `known`.
         """
         return orient([(self, rows, known)], every=True)[0]
 
     def traced(self, rows: Floats, known: Floats) -> tuple[Oriented, Floats]:
-        """Carry the attitude over samples as `take` does.
-
-        Also returns the trace (n, 11) that `smoothing.smooth` needs.
-        """
+        """Integrate the attitude over samples as `take` does; also return the trace (n, 11) for `smoothing.smooth`."""
         trace = np.empty((len(rows), loop.TRACE))
         return _carry([(self, rows, known)], trace, every=True)[0], trace
 
     def reset_heading(self, zero: str = "") -> None:
-        """Make the heading of the last sample zero, with no uncertainty left. zero: who does it."""
+        """Make the heading of the last sample zero, with no uncertainty left. zero: name of the person, for messages."""
         self.zero, self.state[loop.ZERO] = zero, self.state[loop.NEXT] - 1
         s, turn = self.state, Rotation.from_euler("z", -self.heading)
         matrix = turn.as_matrix()
@@ -167,7 +164,7 @@ class Attitude:
 
 
 def orient(due: Sequence[tuple[Attitude, Floats, Floats]], *, every: bool = False) -> list[Oriented]:
-    """Carry attitudes over samples of any number of devices, in one compiled loop; returns one result for each element.
+    """Integrate attitudes over samples of any number of devices, in one compiled loop; return one result per element.
 
     due: elements (attitude, rows (n, 9) of samples/sample_buffer.py, known (38,)). A device may come several times, in
     order. The bits do not depend on how samples are batched. every: whether each sample's covariance is wanted, or only

@@ -12,7 +12,7 @@ SILENT_S = 60.0
 
 
 class Places:
-    """The devices that an outlet shows, at most `most`; those heard first keep their place.
+    """The devices that an outlet shows, at most `most`; the first that sent keep their place.
 
     leave: called with each device that loses its place, after SILENT_S without a message.
     """
@@ -23,7 +23,10 @@ class Places:
         self._warned = False
 
     def take(self, device: str, now_s: float) -> bool:
-        """Whether a device, heard at monotonic time now_s, may be shown; gives it a place if there is room."""
+        """Return whether a device may be shown; give it a place if there is room.
+
+        now_s: monotonic s at which it was heard.
+        """
         if self._heard_s.pop(device, None) is None and len(self._heard_s) >= self._most:
             first, heard_s = next(iter(self._heard_s.items()))
             if now_s - heard_s <= SILENT_S:
@@ -37,4 +40,6 @@ class Places:
     def _warn(self, device: str) -> None:
         if not self._warned:
             self._warned = True
-            log.warning("%s is left out, as later devices will be: %d devices are shown already", device, self._most)
+            log.warning(
+                "%s and later devices are left out: %d devices, the most allowed, are shown already", device, self._most
+            )

@@ -43,7 +43,7 @@ class Event(NamedTuple):
 class WardFeed:
     """Reads a ward's streams for an outlet; call the methods again and again, from one thread.
 
-    left: called with a device that lost its place to another; what is kept for it can go.
+    left: called with a device that lost its place to another; the outlet can drop its state of that device.
     """
 
     def __init__(self, client: Client, devices: Sequence[str] | None, left: Callable[[str], None]) -> None:

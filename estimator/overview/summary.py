@@ -76,7 +76,7 @@ class WardSummary:
 
     @property
     def well(self) -> bool:
-        """Whether nobody has to do anything: no needs, no lost samples, no troubles."""
+        """True if nobody has to do anything: no needs, no lost samples, no troubles."""
         return not (self.needs or self.law or self.troubles)
 
 
@@ -185,7 +185,7 @@ def most(reasons: Mapping[str, int]) -> str:
 
 
 def told(info: DeviceInfo) -> str:
-    """Describe a device's most frequent events, and a rate that is not as expected; empty if there is nothing."""
+    """Describe in words a device's most frequent events, and an unexpected sample rate; empty if there is nothing."""
     counts = most({in_words(label): n for label, n in info.events.items() if n})
     rate = english(*(notice for notice in info.notices if notice.code in _OF_RATE))
     return " ".join(filter(None, (rate, counts)))

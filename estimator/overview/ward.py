@@ -53,7 +53,7 @@ class DeviceRow:
 
     @property
     def low_battery(self) -> bool:
-        """Whether the battery is low and not charging."""
+        """True if the battery is low and not charging."""
         return self.battery_percent is not None and self.battery_percent < LOW_BATTERY_PERCENT and not self.charging
 
     @property
@@ -94,16 +94,16 @@ class WardView:
             del known[next(one for one in known if status is None or one != status.bridge)]
 
     def room(self, device: str, most: int) -> bool:
-        """Whether to keep infos of a device: it is known, or fewer than `most` devices are known from bridges only."""
+        """Return whether to keep infos of a device: known, or fewer than `most` devices are known from bridges only."""
         known = device in self._statuses or device in self._infos
         return known or len(self._infos.keys() - self._statuses.keys()) < most
 
     def silences(self, now: float) -> dict[str, float]:
-        """Return the seconds since the last status of each device, by device id."""
+        """Return the seconds since the last status of each device, by device id. now: monotonic s."""
         return {device: now - heard for device, (_, heard) in self._statuses.items()}
 
     def ended(self, now: float) -> list[str]:
-        """Return the ids of devices whose data has ended, and that no estimator reports any more."""
+        """Return the ids of devices whose data has ended, and that no estimator reports any more. now: monotonic s."""
         return [
             device
             for device, (status, heard) in self._statuses.items()
@@ -122,7 +122,10 @@ class WardView:
         return sorted((self.row(name, now) for name in names), key=lambda row: row.order)
 
     def settled(self, now: float) -> bool:
-        """Whether each device is known to be live (a second status came) or silent (none for SILENT_S)."""
+        """Return whether each device is known to be live (a second status came) or silent (none for SILENT_S).
+
+        now: monotonic s.
+        """
         return all(name in self._anew or _silence(now - heard) for name, (_, heard) in self._statuses.items())
 
     def statuses(self, now: float) -> dict[str, Status]:
@@ -137,7 +140,7 @@ class WardView:
         return {name: info for name in self._infos if (info := self.info(name)) is not None}
 
     def info(self, name: str) -> DeviceInfo | None:
-        """Return a device's info of the bridge whose samples are used; otherwise of a bridge that hears the device."""
+        """Return a device's info of the bridge whose samples are used; otherwise of a bridge that receives the device."""
         known, (status, _) = self._infos.get(name, {}), self._statuses.get(name, (None, 0.0))
         if status is not None and status.bridge in known:
             return known[status.bridge]
@@ -197,7 +200,7 @@ def _unless_silent(status: Status, for_s: float) -> Status:
 
 
 def to_calibrate(rows: Iterable[DeviceRow]) -> list[str]:
-    """Return the ids of the devices that wait for turns by hand, those that nobody has begun with first."""
+    """Return the ids of the devices that wait for turns by hand, those whose calibration has not begun first."""
     waits = sorted((row for row in rows if row.state in _WAIT), key=lambda row: _WAIT.index(row.state))
     return [row.device for row in waits]
 
@@ -226,7 +229,7 @@ def chosen(rows: Iterable[DeviceRow], only: Iterable[str]) -> list[DeviceRow]:
 
 
 def matches(text: str, pattern: str) -> bool:
-    """Whether a text matches a pattern: `*` stands for any characters, `?` for one.
+    """Return whether a text matches a pattern: `*` stands for any characters, `?` for one.
 
     The time is at most proportional to the product of both lengths.
     """

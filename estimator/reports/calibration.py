@@ -19,8 +19,8 @@ def as_json(
 ) -> dict[str, Any]:
     """Return a new calibration as JSON-compatible values, in SI.
 
-    It has the keys of a calibration file, and more: axes to repeat, information per parameter in bits, the movements
-    that were not used, with reasons, and what was understood or repaired of the recording.
+    The object has the keys of a calibration file, and more: axes to repeat, information per parameter in bits, the
+    movements that were not used, with reasons, and what was understood or repaired of the recording.
     """
     known = bool(np.all(np.isfinite(result.covariance)))
     bits = result.information_bits.tolist() if known else []

@@ -25,7 +25,7 @@ _MEANS = {
 
 
 def bias_known(corrected: CorrectedRecording) -> bool:
-    """Whether the bias is known for any sample of a corrected recording."""
+    """Return whether the bias is known for any sample of a corrected recording."""
     return not corrected.seconds().keys() <= {"NONE", "PRIOR"}
 
 
@@ -86,7 +86,7 @@ def as_words(corrected: CorrectedRecording, recording: Recording, out: Path) -> 
 
 
 def said(corrected: CorrectedRecording) -> Iterator[str]:
-    """Yield the first of the messages that the live service would have logged while correcting."""
+    """Yield the first 12 messages that the live service would have logged while correcting; then count the others."""
     yield from first(corrected.said)
 
 

@@ -28,7 +28,7 @@ class Blocks:
         self._end_after(began)
 
     def anew(self) -> "Blocks":
-        """New Blocks of the same boot that go on after the latest sample, without the samples so far."""
+        """Return a cutter for the same boot that continues after the latest sample, without the samples held so far."""
         anew = Blocks(self.latest)
         anew._first_s, anew._later_s = self._first_s, self._later_s
         return anew
@@ -62,7 +62,7 @@ class Blocks:
         return 0.0 if self._first_s is None else self.latest - self._first_s
 
     def went_back(self, first_s: float, away_s: float) -> bool:
-        """Whether the device's clock went back; if so, device time is shifted so that it goes on rising.
+        """Return whether the device's clock went back; if so, shift device time so that it keeps rising.
 
         first_s: device clock of the next sample, s. away_s: least time, s, that passed meanwhile according to the host.
         """

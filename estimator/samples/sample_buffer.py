@@ -28,11 +28,12 @@ _ROOM = 256
 class Samples:
     """Decoded samples of one message: rows (n, 9) float64 and places (n, 3) int64.
 
-    The columns of rows and places are the constants of this module, such as TIME, GYRO and SEQUENCE.
+    The columns of rows are time (s), gyro (3, rad/s), accel (3, m/s²), clipped (0 or 1) and temperature (°C); those of
+    places are sequence number, host time (ns since the Unix epoch) and flags. The constants of this module number them.
     sequence: number of the first sample since boot. n: number of samples. receive_time_ns: host time of receipt at the
     bridge, ns since the Unix epoch.
-    clock_rate: host seconds per second of the device's clock.
-    ticks (uint64) and flags (uint32) are packed as on the wire; flags are empty where none is set.
+    clock_rate: host seconds per second of the device's clock. ticks (uint64) and flags (uint32) are packed as on the
+    wire; flags are empty where none is set.
     first_s, last_s: device time of the first and the last sample.
     """
 
@@ -129,11 +130,11 @@ class SampleBuffer:
         np.concatenate(places, out=self._places[begin : self._end])
 
     def rows(self, begin: int, end: int) -> Floats:
-        """Rows (n, 9) of the samples numbered `begin` up to but not including `end`: time, gyro, accel, temperature."""
+        """Rows (n, 9) of the samples numbered `begin` up to but not including `end`: columns as for Samples."""
         return self._rows[begin - self._first : end - self._first]
 
     def places(self, begin: int, end: int) -> Wholes:
-        """Places (n, 3) of the samples numbered `begin` up to but not including `end`: sequence, host time, flags."""
+        """Places (n, 3) of the samples numbered `begin` up to but not including `end`: columns as for Samples."""
         return self._places[begin - self._first : end - self._first]
 
     def place(self, number: int) -> tuple[int, int]:

@@ -30,11 +30,11 @@ class Boots:
         self.treatment = treatment(parts.settings)
 
     def begin(self, device: Device, batch: Samples, *, same: bool = True) -> Outcome:
-        """Begin a boot from the first batch, with what is known of the boot, or with an earlier boot's calibration.
+        """Begin a boot from the first batch, with stored knowledge of the boot, or with an earlier boot's calibration.
 
         same: False if another power-up used this boot number before. Then a remembered calibration serves only as a
-        prior (scale factors to start from). Returns what the start led to, for `Outcomes.tell`: log lines and messages
-        to publish.
+        prior (scale factors to start from). Returns the outcome, for `Outcomes.tell`: log lines and messages to
+        publish.
         """
         session, info = device.session, self._devices.info(batch.bridge, batch.device)
         device.use(self.knobs(device.name, batch.bridge))
@@ -90,8 +90,8 @@ class Boots:
     def introduced(self, device: Device, info: DeviceInfo, before: DeviceInfo | None) -> Outcome | None:
         """Apply a new device info from the owning bridge. before: the bridge's previous info of the device, or None.
 
-        Calibrations that do not match the info are dropped, and a matching prior is looked up. Returns what changed,
-        for `Outcomes.tell`; None if neither boot nor restore key (model, firmware, range, rate) is new.
+        Calibrations that do not match the info are dropped, and a matching prior is looked up. Returns the outcome, for
+        `Outcomes.tell`; None if neither boot nor restore key (model, firmware, range, rate) is new.
         """
         session = device.session
         session.info = info
@@ -119,7 +119,7 @@ class Boots:
     def resumed(self, device: Device) -> Outcome | None:
         """Apply the latest device info to a session that continues from a checkpoint.
 
-        Returns what changed, for `Outcomes.tell`; None if nothing changed or no info of this boot is known.
+        Returns the outcome, for `Outcomes.tell`; None if nothing changed or no info of this boot is known.
         """
         info = self._devices.info(device.admission.owner, device.name)
         device.session.sequence.recall(partial(self._before, device.name, device.session.boot or 0))

@@ -108,7 +108,7 @@ class Checkpoints:
     def prior(self, info: DeviceInfo) -> Calibration | None:
         """Calibration of an earlier boot of the same hardware from the device's latest checkpoint, or None.
 
-        The restore key (device, model, firmware, range, mostly rate) must match `info`.
+        The restore key (device, model, firmware, range; without a device clock also the rate) must match `info`.
         """
         known = self._latest.get(info.device)
         used = None if known is None else known.calibration

@@ -155,7 +155,7 @@ class Cluster:
         if hash(message.payload) in self._mine or self._counts.add(DOUBLE) > 1:
             return
         log.error(
-            "another estimator says to be %s, too, and both correct its devices: stop one, or give it another id and a store"
+            "another estimator has the id %s too, and both correct its devices: stop one, or give it another id and a store"
             " of its own (more is only counted)",
             self.membership.own,
         )
@@ -216,9 +216,9 @@ class Cluster:
         return self.membership.held.get(device) or self.membership.take(device, self._now_ns())
 
     def answers(self, key: keys.Key) -> bool:
-        """Whether this estimator must answer a command, given the command's key.
+        """Return whether this estimator must answer a command, given the command's key.
 
-        It answers for the devices it holds, for unclaimed devices that belong to it, and for its own alerts.
+        An estimator answers for the devices it holds, for unclaimed devices that belong to it, and for its own alerts.
         """
         if key.ids["verb"] == "acknowledge" and key.device in self.membership.members:
             return key.device == self.membership.own
@@ -230,7 +230,7 @@ class Cluster:
         """Publish which devices this estimator owns, every SAY_S, or every SAY_ALONE_S without other estimators.
 
         devices: our devices by id. now: monotonic seconds. During a hold-off (no takeovers after a start or an outage)
-        nothing is published, so that nobody waits for us.
+        nothing is published, so that no other estimator waits for this one.
         """
         membership = self.membership
         if now < self._next_say or not membership.ready(now):

@@ -50,7 +50,7 @@ class _Asked(NamedTuple):
 
 
 class Commands:
-    """Commands between the bus and the devices of this estimator."""
+    """Receives commands from the bus, executes them on the devices of this estimator, and answers them."""
 
     def __init__(self, parts: Parts, gate: EnrolmentGate, watch: OwnAlerts, forgetting: Forgetting) -> None:
         self._watch, self._forgetting = watch, forgetting

@@ -98,16 +98,15 @@ class Device:
 
     @property
     def announced(self) -> bool:
-        """Whether the device's messages are published.
+        """True if the device's messages are published.
 
-        Those of a newcomer (a device that neither a list nor the store knows) are only once it has lived for
-        NEWCOMER_S.
+        Messages of a newcomer (a device that neither a list nor the store knows) are published only after NEWCOMER_S.
         """
         return not self._gone and not self.announced_after_s
 
     @property
     def worthless(self) -> bool:
-        """Whether the device can be forgotten without loss: no calibration is known, of this boot or an earlier one."""
+        """True if the device can be forgotten without loss: no calibration of this boot or an earlier one is known."""
         return self.session.calibration is None and self.session.prior is None
 
     def say(self, what: str, payload: bytes) -> None:
@@ -259,7 +258,7 @@ class Device:
 
     @property
     def ended(self) -> bool:
-        """Whether the device is away and meant to send no more, such as after the end of a recording."""
+        """True if the device is away and meant to send no more, such as after the end of a recording."""
         return self.session.life.away and ended(self.session.life.reason)
 
     def restart(self) -> None:

@@ -44,9 +44,9 @@ class DeviceRoster(dict[str, Device]):
         self._infos: dict[tuple[str, str], DeviceInfo] = {}
 
     def room(self, now: float, samples: int) -> bool:
-        """Whether one more device fits at `now`, monotonic seconds; forgets silent uncalibrated devices if necessary.
+        """Return whether one more device fits; forgets silent uncalibrated devices if necessary.
 
-        samples: number of samples to count as refused if there is no room.
+        now: monotonic seconds.
         """
         if len(self) < MAX_DEVICES or self.forget(now, self._silence_s):
             return True
@@ -78,7 +78,7 @@ class DeviceRoster(dict[str, Device]):
         return device in self and self[device].admission.owner == bridge
 
     def proven(self, name: str) -> bool:
-        """Whether a device is known and has a calibration, of this boot or an earlier one."""
+        """Return whether a device is known and has a calibration, of this boot or an earlier one."""
         return name in self and not self[name].worthless
 
     def forget(self, now: float, silent_s: float) -> bool:
@@ -117,7 +117,7 @@ class DeviceRoster(dict[str, Device]):
         return True
 
     def failed(self, device: Device, error: Exception) -> None:
-        """Restart the session of a device whose work failed, so that the other devices' service goes on.
+        """Restart the session of a device whose work failed, so that the other devices are served further.
 
         The device's samples that came and were not published are lost and counted. Raises the error again if it is a
         BusError, since a lost bus concerns all devices.

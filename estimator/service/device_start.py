@@ -87,7 +87,7 @@ class DeviceStarts:
         return devices.get(name)
 
     def miss(self, now: float, wanted: Callable[[str], bool]) -> None:
-        """Add devices of the last run that were not heard since the start to the roster, so that they count as lost.
+        """Add devices of the last run that have sent nothing since the start to the roster, so that they count as lost.
 
         now: monotonic s. wanted(device): whether a device is to be served.
         """
@@ -166,7 +166,7 @@ class DeviceStarts:
             self._parts.devices.guard(device, self._resume, device)
 
     def _goes_on(self, device: Device, known: Checkpoint) -> bool:
-        """Whether a device continues from a checkpoint; a damaged checkpoint changes nothing and is counted."""
+        """Return whether a device continues from a checkpoint; a damaged checkpoint changes nothing and is counted."""
         try:
             device.take_over(known)
         except Exception as error:  # noqa: BLE001 - a checkpoint may hold anything, and all devices are at stake

@@ -45,8 +45,8 @@ class EarlierBoots:
     def prior(self, device: Device, info: DeviceInfo) -> Calibration | None:
         """Latest calibration of the same hardware in an earlier boot, on disk or still to be written, or None.
 
-        info: the present boot; device, model, firmware, range and mostly rate must match. A calibration dated in the
-        future is logged.
+        info: the present boot; device, model, firmware and range must match; without a device clock also the rate. A
+        calibration dated in the future is logged.
         """
         for pending in reversed(self._pending(device.name)):
             if pending.boot != info.boot and not differing(restore_key(pending), info):
@@ -71,10 +71,10 @@ class EarlierBoots:
         return () if latest is None else changed(latest, info, within_boot=latest.boot == info.boot)
 
     def law(self, session: DeviceSession, info: DeviceInfo, then: Callable[[TemperatureLaw | None], None]) -> None:
-        """Learn the temperature law (bias against temperature) from earlier boots of the same hardware.
+        """Fit the temperature law (bias against temperature) to earlier boots of the same hardware.
 
-        Calls then(law), None if there is none. Learning runs on the store's thread, since it takes as long as correcting many
-        samples; `then` runs on the service's thread.
+        Calls then(law), None if there is none. The fit runs on the store's thread, since it takes as long as correcting
+        many samples; `then` runs on the service's thread.
         """
         knobs = session.knobs.track.bias
         self._clerk.look_up(lambda: learn(self._store.points(info), knobs), then)
@@ -91,7 +91,7 @@ class EarlierBoots:
         self._clerk.look_up(moved, then)
 
     def past(self, device: str) -> list[int] | None:
-        """Numbers of the boots of a device heard before this estimator started, oldest first, at most BOOTS_KNOWN.
+        """Numbers of a device's boots from before this estimator started, oldest first, at most BOOTS_KNOWN.
 
         None where the store cannot be read.
         """

@@ -70,12 +70,12 @@ class EnrolmentGate:
         try:
             places = self._enrolment.read()
         except ValueError as error:
-            log.error("[devices]: %s; what was enrolled before stays so", error)
+            log.error("[devices]: %s; the earlier list stays in force", error)
             return
         # An editor may truncate the file for a moment, and a full disk may empty it.
         if self._enrolment.file and places == enrolled.places(self._enrolment.enrolled) != self._places:
             log.error(
-                "[devices]: %s: no device of its own stands in it any more; what was enrolled before stays so",
+                "[devices]: %s no longer lists any device; the earlier list stays in force",
                 self._enrolment.file,
             )
             return
@@ -86,7 +86,7 @@ class EnrolmentGate:
             del self.strangers[name]
 
     def lists(self, device: str) -> bool:
-        """Whether a device is enrolled by its id."""
+        """Return whether a device is enrolled by its id."""
         return device in self._places
 
     def enrol(self, enrolment: Enrolment) -> None:
@@ -105,7 +105,7 @@ class EnrolmentGate:
         return () if self._enrolment is None or place is not None else (Code.NOT_ENROLLED(),)
 
     def admits(self, bridge: str, device: str, now: float) -> bool:
-        """Whether a message of a device from this bridge is admitted, at `now`, monotonic s.
+        """Return whether a message of a device from this bridge is admitted, at `now`, monotonic s.
 
         A refused message is counted, and its device may be listed in `strangers`.
         """
@@ -114,12 +114,17 @@ class EnrolmentGate:
         place = self._places.get(device)
         if place is None:
             if self._counts.add(STRANGER) == 1:
-                log.warning("%s: %s (said once)", device, english(*self.why(device)))
+                log.warning("%s: %s (logged once)", device, english(*self.why(device)))
             self._list(device, bridge, now)
             return False
         if place and place != bridge:
             if self._counts.add(FOREIGN) == 1:
-                log.warning("%s is enrolled by %s and sent by %s (more is only counted)", device, place, bridge)
+                log.warning(
+                    "%s is enrolled for bridge %s but sent by %s (further messages are only counted)",
+                    device,
+                    place,
+                    bridge,
+                )
             if device not in self._heard:
                 self._list(device, bridge, now)
             return False

@@ -43,7 +43,7 @@ class Newcomers:
         self._tokens, self._refilled_s = AT_ONCE, float("-inf")
 
     def admits(self, bridge: str, device: str, now: float) -> bool:
-        """Whether a device is admitted from a bridge; a refusal is counted. now: monotonic s.
+        """Return whether a device is admitted from a bridge; a refusal is counted. now: monotonic s.
 
         A new device then counts against the limits until it is calibrated or forgotten.
         """
@@ -67,7 +67,7 @@ class Newcomers:
         self._by_bridge = +self._by_bridge
 
     def _room(self, bridge: str, now: float) -> bool:
-        """Whether one more device of a bridge is admitted now; counts the message when not."""
+        """Return whether one more device of a bridge is admitted now; counts the message when not."""
         if self._by_bridge[bridge] < OF_ONE_BRIDGE and len(self._probation) < OF_ALL:
             self._tokens = min(AT_ONCE, self._tokens + PER_S * (now - self._refilled_s))
             self._refilled_s = now
@@ -100,7 +100,7 @@ class Entrance:
         return [one for one in messages if not all(ids := _ids(one.key)) or self._gate.admits(*ids, now)]
 
     def sort(self, messages: Sequence[Message], now: float) -> tuple[list[Message], dict[str, list[Message]]]:
-        """Split messages: those of our devices, and by device those of admitted devices that we do not hold.
+        """Split messages into those of our devices, and, by device, those of admitted devices that we do not hold.
 
         now: monotonic s. Beside other estimators, messages of both kinds are kept for a takeover. Messages of refused
         devices are counted.
@@ -120,7 +120,7 @@ class Entrance:
         return ours, others
 
     def look(self, now: float, devices: DeviceRoster) -> None:
-        """Once a second, at `now` monotonic s: reload enrolment, forget silent new devices, judge all keys anew."""
+        """Once a second, at `now` monotonic s: reload enrolment, forget silent new devices, judge all keys again."""
         self._gate.look(now)
         if self.newcomers is not None:
             devices.forget(now, FORGET_S)

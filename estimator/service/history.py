@@ -54,7 +54,7 @@ def read(store: StoreReader, device: str, since_ns: int = 0) -> History:
     """Read the history of a device from the store: calibrations, boots, commands, biases and placements.
 
     since_ns: start, ns since the Unix epoch by the host's clock; the placement that held then is included. Raises
-    StoreError.
+    StoreError if the store cannot be read.
     """
     where, values, order = "device = ? AND time_ns >= ?", (device, since_ns), "time_ns, rowid"
     points: dict[str, list[Row]] = {}
@@ -91,7 +91,7 @@ def ahead(found: History, now_ns: int) -> int:
 
 
 def since(text: str, now: datetime) -> datetime:
-    """Parse a start time: `7d`, `12h`, `30m` before `now`, or a date with or without a time.
+    """Parse a start time: `7d`, `12h`, `30m` before `now` (a datetime with zone), or a date with or without a time.
 
     A date without a zone is in this machine's zone. Raises ValueError, which says what is accepted.
     """

@@ -115,7 +115,7 @@ class Intake:
         if device.session.sequence.events.add(device.admission.label(samples.bridge, now), samples.n) == samples.n:
             # The number of such samples stands in the device's status.
             log.warning(
-                "%s (said once)",
+                "%s (logged once)",
                 english(duplicate_bridges.said([samples.device], device.admission.owner, (samples.bridge,))),
             )
 
@@ -126,7 +126,9 @@ class Intake:
         device.heard = now
         if ruling is Ruling.RANGE:
             if device.session.count_event("refused leap") == 1:
-                log.warning("%s: sample %d, a leap no device makes, is refused", device.name, batch.sequence)
+                log.warning(
+                    "%s: sample number %d is refused: no device skips so many numbers", device.name, batch.sequence
+                )
             return
         if ruling in BEGINS:
             self._publish()  # publish the samples of the boot before

@@ -1,7 +1,7 @@
 """Membership of estimators in a ward, and ownership of devices. Pure: `now` is monotonic seconds.
 
 A device belongs to the live estimator with the highest rendezvous hash. That estimator takes the device under an epoch
-above every epoch it has heard of, and keeps it until another estimator claims it under a higher one. Subscribers follow
+above every epoch it has received, and keeps it until another estimator claims it under a higher one. Subscribers follow
 the highest epoch.
 
 Every estimator must reach the same answer by itself, although each may have heard of different devices. So shares are
@@ -50,7 +50,7 @@ def _weight(estimator: str, device: str) -> int:
 
 
 def epoch_after(highest: int, now_ns: int, estimator: str) -> int:
-    """Epoch for a takeover: higher than `highest`, the highest epoch heard of, and no lower than the time now_ns.
+    """Epoch for a takeover: higher than `highest`, the highest epoch received, and no lower than the time now_ns.
 
     now_ns: ns since the Unix epoch, by a clock that may be wrong. estimator: id whose hash forms the last bits, so that
     two estimators hardly ever choose the same epoch.
@@ -90,11 +90,14 @@ class Membership:
 
     @property
     def alone(self) -> bool:
-        """Whether no other estimator is alive."""
+        """True if no other estimator is alive."""
         return len(self.members) == 1
 
     def ready(self, now: float) -> bool:
-        """Whether devices may be taken now: the hold-off after a start, an outage or a pause is over."""
+        """Return whether devices may be taken now: the hold-off after a start, an outage or a pause is over.
+
+        now: monotonic s.
+        """
         return now >= self._ready_s
 
     def hold_off(self, now: float) -> None:
@@ -105,12 +108,12 @@ class Membership:
         self._ready_s = now + HOLD_OFF_S
 
     def excuse(self, seconds: float) -> None:
-        """Postpone, by the seconds in which we could not listen, when silent estimators count as dead."""
+        """Postpone, by the seconds in which no message could arrive, the time at which silent estimators count as dead."""
         for peer in self._peers.values():
             peer.heard_s += seconds
 
     def token(self, name: str, now: float, *, alive: bool) -> None:
-        """Note that an estimator's liveliness token on the bus appeared (alive) or vanished."""
+        """Note that an estimator's liveliness token on the bus appeared (alive) or vanished. now: monotonic s."""
         peer = self._peers.get(name)
         if peer is not None:
             peer.token = alive
@@ -142,7 +145,10 @@ class Membership:
         return [h.device for h in others if (h.epoch, owned.estimator) > (self.held[h.device], self.own)]
 
     def look(self, now: float) -> tuple[list[str], list[str]]:
-        """Update `members`; returns the ids that appeared and those that disappeared since the last call, sorted."""
+        """Update `members`; return the ids that appeared and those that disappeared since the last call, sorted.
+
+        now: monotonic s.
+        """
         living = {name for name, peer in self._peers.items() if peer.token and now - peer.heard_s < LEASE_S}
         before, there = set(self.members), {self.own, *living}
         if not self.ready(now):
@@ -153,11 +159,16 @@ class Membership:
         return sorted(there - before), sorted(before - there)
 
     def owns(self, device: str) -> bool:
-        """Whether a device belongs to this estimator by its hash, given the live estimators; it may not hold it yet."""
+        """Return whether a device belongs to this estimator, by its hash among the live estimators.
+
+        The device may still be held by another estimator.
+        """
         return owner(device, self.members) == self.own
 
     def wants(self, device: str, now: float) -> bool:
-        """Whether to take a device now: it belongs to us, we do not hold it, and no hold-off is running.
+        """Return whether to take a device now: it belongs to us, we do not hold it, and no hold-off is running.
+
+        now: monotonic s.
 
         False while another estimator is in a calibration of the device that would lose its turns, and for a while after
         we lost the device to a live estimator.
@@ -170,7 +181,7 @@ class Membership:
         return not any(claim.busy for claim in self._claims(device))
 
     def take(self, device: str, now_ns: int) -> int:
-        """Take ownership of a device; returns the epoch (number of the ownership, higher than every one heard of).
+        """Take ownership of a device; returns the epoch (number of the ownership, higher than every one received).
 
         now_ns: host time, ns since the Unix epoch. All devices taken before another estimator takes any share one
         epoch.
@@ -182,9 +193,9 @@ class Membership:
         return self._epoch
 
     def lose(self, device: str, taker: str, now: float) -> None:
-        """Give up a device to the estimator `taker`.
+        """Give up a device to the estimator `taker`. now: monotonic s.
 
-        The device is not taken back for HOLD_OFF_S, so that it does not go to and fro.
+        The device is not taken back for HOLD_OFF_S, so that it does not move to and fro.
         """
         self.held.pop(device, None)
         self._epoch = 0  # the next take uses a new epoch, also where both epochs were equal
@@ -196,7 +207,7 @@ class Membership:
         self.held = {device: epoch for device, epoch in self.held.items() if device in devices}
 
     def answers(self, device: str) -> bool:
-        """Whether this estimator answers commands for a device: it holds the device, or owns one that nobody claims."""
+        """Return whether we answer commands for a device: it holds the device, or owns one that nobody claims."""
         if device in self.held or self.alone:
             return True
         return self.owns(device) and not any(True for _ in self._claims(device))

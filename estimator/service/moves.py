@@ -23,7 +23,7 @@ class Moves:
     def came(self, devices: int, why: Sentences) -> None:
         """Record that a number of devices came to this estimator, and why.
 
-        Devices that come one after the other for the same reason are one move.
+        Consecutive arrivals for the same reason count as one move.
         """
         if self.latest and self.latest[-1].came and self.latest[-1].reason == why:
             devices += self.latest.pop().came

@@ -17,7 +17,7 @@ FAILED = "windows failed"
 
 
 class Outcomes:
-    """Reporter of what the devices' sessions made of their samples: logs, stores and publishes it."""
+    """Reporter of the outcomes of devices' sessions: logs, stores and publishes them."""
 
     def __init__(self, parts: Parts) -> None:
         self._parts = parts
@@ -29,7 +29,7 @@ class Outcomes:
     def tell(self, device: Device, outcome: Outcome) -> None:
         """Report an outcome: log its lines, store and publish its calibrations, publish revisions and a changed status.
 
-        A device whose finished block still has to be learnt from is added to `to_learn`.
+        A device with a finished block that no estimate has used yet is added to `to_learn`.
         """
         for words in outcome.said:
             log.info("%s: %s", device.name, words)
@@ -48,7 +48,7 @@ class Outcomes:
             self.to_learn[device.name] = None
 
     def learn(self, device: Device) -> None:
-        """Let a device's session learn (update bias and calibration) from its finished block, if one waits."""
+        """Update a device's bias and calibration from its finished block, if one waits."""
         if device.session.to_learn:
             self.tell(device, device.session.learn())
 

@@ -20,7 +20,7 @@ _DO = "use fewer devices, a lower rate, a faster machine, or a second estimator 
 
 
 class Overload:
-    """Overload detector of the run loop: told of idle time, checked once a second. now: s of a steady clock."""
+    """Overload detector of the run loop: `idle` adds idle time, `look` checks once a second. now: s of a steady clock."""
 
     def __init__(self, now: float) -> None:
         self._looked, self._idle_s = now, 0.0

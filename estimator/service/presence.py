@@ -58,24 +58,27 @@ class Presence:
         self._tokens.clear()
 
     def gone(self, device: str, boot: int, bridge: str, now: float) -> bool:
-        """Whether a live bridge has withdrawn the token of exactly this boot, for at least SETTLED_S."""
+        """Return whether a live bridge has withdrawn the token of exactly this boot, for at least SETTLED_S.
+
+        now: monotonic s.
+        """
         token, there = self._of(device, boot), self._tokens.get((bridge,))
         if token is None or token.alive or there is None or not there.alive:
             return False
         return now - max(token.since_s, there.since_s) >= SETTLED_S
 
     def heard(self, device: str, boot: int, bridge: str) -> bool:
-        """Whether a live bridge states that it hears exactly this boot."""
+        """Return whether a live bridge states that it receives exactly this boot."""
         token = self._of(device, boot)
         return token is not None and token.alive and self.alive(bridge)
 
     def alive(self, bridge: str) -> bool:
-        """Whether a bridge is alive: its token is on the bus."""
+        """Return whether a bridge is alive: its token is on the bus."""
         there = self._tokens.get((bridge,))
         return there is not None and there.alive
 
     def why(self, device: str, boot: int, bridge: str) -> Sentences:
-        """Reasons known from tokens why nothing arrives from a device; empty if there are none."""
+        """Return the reasons, known from tokens, why nothing arrives from a device; () if there are none."""
         there, token = self._tokens.get((bridge,)), self._of(device, boot)
         if there is not None and not there.alive:
             return (Code.BRIDGE_GONE(bridge=bridge),)

@@ -47,7 +47,7 @@ def _below(folder: Path, pattern: str) -> Iterator[Path]:
 
 
 def _open_to_others(path: Path) -> bool:
-    """Whether other users may read a file and enter every folder on its path."""
+    """Return whether other users may read a file and enter every folder on its path."""
     try:
         real = path.resolve(strict=True)
         modes = [folder.stat().st_mode for folder in real.parents]

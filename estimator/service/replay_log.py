@@ -37,7 +37,7 @@ class ReplayLog:
         self._size = 0
 
     def add(self, device: str, message: Message, now: float) -> None:
-        """Keep a message received at `now`, unless its device has used up DEVICE_BYTES already."""
+        """Keep a message received at `now`, monotonic s, unless its device has used up DEVICE_BYTES."""
         size = len(message.payload)
         if self._sizes[device] + size > DEVICE_BYTES:
             return
@@ -48,7 +48,7 @@ class ReplayLog:
         self.tidy(now)
 
     def tidy(self, now: float) -> None:
-        """Drop messages older than REPLAY_S at `now`, or beyond REPLAY_BYTES in all, oldest first."""
+        """Drop messages older than REPLAY_S at `now`, monotonic s, or beyond REPLAY_BYTES in all, oldest first."""
         order = self._order
         while order and (order[0][0] < now - REPLAY_S or self._size > REPLAY_BYTES):
             _, device = order.popleft()
@@ -65,7 +65,7 @@ class ReplayLog:
         self._size -= self._sizes.pop(device, 0)
 
     def heard(self, device: str, since: float) -> bool:
-        """Whether a kept message of a device came after the time `since`, monotonic s."""
+        """Return whether a kept message of a device came after the time `since`, monotonic s."""
         late = takewhile(lambda entry: entry[0] > since, reversed(self._order))
         return any(name == device for _, name in late)
 
@@ -85,13 +85,13 @@ class Resumed:
         self._reached, self._until = dict(reached), now + LASTS_S
 
     def lasts(self, now: float) -> bool:
-        """Whether replayed samples may still arrive at `now`: for LASTS_S after the start."""
+        """Return whether replayed samples may still arrive at `now`, monotonic s: for LASTS_S after the start."""
         if self._reached and now >= self._until:
             self._reached = {}
         return bool(self._reached)
 
     def done(self, samples: Samples) -> bool:
-        """Whether samples were corrected before the restart, by boot, sequence number and host time.
+        """Return whether samples were corrected before the restart, by boot, sequence number and host time.
 
         Samples of another run under the same boot number were not: they are later.
         """
@@ -100,7 +100,7 @@ class Resumed:
         return samples.boot == boot and samples.sequence + samples.n <= following and before
 
     def bridge(self, device: str, came_ns: int) -> str:
-        """Id of the bridge from which a device was heard before the restart; empty where unknown.
+        """Id of the bridge whose samples of a device were used before the restart; empty where unknown.
 
         came_ns: host time of a sample's receipt, ns since the Unix epoch. Empty if the sample came after the restart.
         """

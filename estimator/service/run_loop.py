@@ -200,7 +200,7 @@ class Service:
         return len(messages) + len(self._quotas)
 
     def work(self, until: float = math.inf) -> None:
-        """Learn from finished blocks and do the devices' once-a-second work until a monotonic time; the rest waits."""
+        """Update estimates from finished blocks and do once-a-second work until a monotonic time, s; the rest waits."""
         for waiting, do in ((self._outcomes.to_learn, self._outcomes.learn), (self._to_look, self._look_after)):
             while waiting:
                 if (device := self._devices.get(name := next(iter(waiting)))) is not None:
@@ -227,7 +227,9 @@ class Service:
         self.counts.add(FLOODED, messages)
         device = self._devices.get(key.rpartition("/")[2])
         if device is not None and device.session.sequence.events.add(FLOODED, messages) == messages:
-            log.warning("%s: sends more than can be handled; the oldest is dropped (more is only counted)", device.name)
+            log.warning(
+                "%s sends too many messages: the oldest are dropped (further ones are only counted)", device.name
+            )
 
     # ---- what goes out --------------------------------------------------------------------------------------------
 

@@ -47,7 +47,7 @@ def run(ward: Ward, file: WardFile[Ward] | None = None) -> None:
     estimator uses the store or the file is no store, and BusError where an estimator of this id runs already.
     """
     if ward.estimator is None:
-        raise ValueError("no estimator is configured")
+        raise ValueError("the ward file has no table [estimator]: add it")
     kernels = _load()
     routers = ward.bus.routers_as(Role.ESTIMATOR, name=ward.estimator.id)
     vitals = ServiceHealth(expects=bool(ward.bridge and ward.bridge.devices), routers=routers)
@@ -102,7 +102,8 @@ def run(ward: Ward, file: WardFile[Ward] | None = None) -> None:
 def copied(ward: Ward) -> Mirror | None:
     """Start to copy the estimator's backups to the bucket of [s3].
 
-    Returns the running copier; None where the ward does not ask for copies. Raises ConfigError.
+    Returns the running copier; None where the ward does not ask for copies. Raises ConfigError for a missing package or
+    access key.
     """
     if ward.s3 is None or not ward.s3.backups or ward.estimator is None:
         return None
@@ -111,7 +112,7 @@ def copied(ward: Ward) -> Mirror | None:
 
 
 def _load() -> Future[None]:
-    """Load the compiled kernels on a thread, then the modules for learning; returns the kernels' future."""
+    """Load the compiled kernels on a thread, then the modules for bias tracking; returns the kernels' future."""
     gc.set_threshold(_CYCLES)
     loader = ThreadPoolExecutor(1, "load")
     kernels = loader.submit(ready)

@@ -89,7 +89,8 @@ class Store(StoreReader):
         time_ns: host time, ns since the Unix epoch. doubted: whether the bias was in doubt. calibration: id of the one
         in use.
         asked: who asked for a recalibration in progress, and why. reached: sequence number and host time, ns, of the
-        last sample the bias knows of; None while the device is being turned. bridge: the one the device is heard from.
+        last sample the bias knows of; None while the device is being turned. bridge: the one whose samples of the
+        device are used.
         session: the whole session as bytes, or empty (DeviceSession.state).
         """
         # A restored tracker starts anew with all states except the filter's own.

@@ -80,7 +80,7 @@ class StoreAccess:
             do()
 
     def knows(self, device: str) -> bool:
-        """Whether a calibration of a device was stored before this estimator started."""
+        """Return whether a calibration of a device was stored before this estimator started."""
         return device in self._known
 
     # ---- calibrations -----------------------------------------------------------------------------------------------
@@ -124,7 +124,7 @@ class StoreAccess:
         return Checkpoint(device, boot, 0, 0, bridge, self._store.calibrated(device, boot), state=state)
 
     def holds(self, device: Device, known: Checkpoint) -> bool:
-        """Whether another estimator's checkpoint agrees with the calibrations stored here.
+        """Return whether another estimator's checkpoint agrees with the calibrations stored here.
 
         If it does, its calibration is stored here, too. False if it is of an earlier power-up or was superseded here.
         """
@@ -138,6 +138,8 @@ class StoreAccess:
     def calibration(self, device: Device, c: Calibration, now: float) -> None:
         """Store a new calibration with the bias, and publish it once on disk, or after HELD_S if the disk fails.
 
+        now: monotonic s.
+
         A calibration that subscribers could not decode is neither stored nor published. A rejected one goes to the
         audit.
         """
@@ -146,7 +148,7 @@ class StoreAccess:
             codec.decode_calibration(keys.build("store", "calibration", device=c.device), payload)
         except Refusal as refusal:
             if device.session.count_event("calibration unfit") == 1:
-                log.error("%s: a calibration cannot be said: %s", c.device, refusal)
+                log.error("%s: a calibration cannot be published: %s", c.device, refusal)
             return
         if c.verdict is Verdict.ACCEPTED:
             self._replicas.forget(device.name)
@@ -214,7 +216,7 @@ class StoreAccess:
         self._tell(device)
 
     def of_before(self, device: Device, calibration: Calibration) -> bool:
-        """Whether a calibration may belong to another power-up under the same boot number."""
+        """Return whether a calibration may belong to another power-up under the same boot number."""
         before = self._store.made_before(device.name, calibration.boot)
         return device.repeated == calibration.boot if before.seen_ns is None else before.has(calibration)
 
@@ -314,7 +316,7 @@ class StoreAccess:
         self._write(lambda: self._store.erase(device))
 
     def stores(self, device: str) -> bool:
-        """Whether the store has entries of a device."""
+        """Return whether the store has entries of a device."""
         return device in self._store.devices()
 
     def audit(

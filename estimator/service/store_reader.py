@@ -165,7 +165,7 @@ class StoreReader:
     def prior(self, info: DeviceInfo) -> Calibration | None:
         """Latest calibration of an earlier boot with the same restore key as `info`, or None.
 
-        The key is device, model, firmware, range, and mostly rate.
+        The key is device, model, firmware, range and, without a device clock, rate.
         """
         this = keys.boot_id(info.boot)
         return self._latest(info.device, lambda row: row["boot"] != this and not differing(row, info))
@@ -173,7 +173,8 @@ class StoreReader:
     def earlier(self, info: DeviceInfo) -> list[Calibration]:
         """Last calibration of each recent earlier boot with the same restore key as `info`, oldest first.
 
-        The key is device, model, firmware, range, and mostly rate. The newest 8 stored calibrations are searched.
+        The key is device, model, firmware, range and, without a device clock, rate. The newest 8 stored calibrations
+        are searched.
         """
         this, found = keys.boot_id(info.boot), dict[str, Row]()
         for row in self.database.rows("calibrations", "device = ?", (info.device,), _LATEST_FIRST, _FEW):

@@ -28,7 +28,7 @@ class Before(NamedTuple):
     seen_ns: int | None
 
     def has(self, calibration: Calibration) -> bool:
-        """Whether a calibration belongs to the earlier power-up, as far as known."""
+        """Return whether a calibration belongs to the earlier power-up, as far as known."""
         return calibration.id in self.ids or (self.seen_ns is not None and calibration.time_ns < self.seen_ns)
 
 
@@ -62,10 +62,7 @@ class Kept(msgspec.Struct):
 
 
 def calibrations_in(rows: Iterable[Row]) -> list[Calibration]:
-    """Decode the calibrations of rows of the table `calibrations`.
-
-    One that this version cannot decode is left out and logged.
-    """
+    """Decode the calibrations of rows of the table `calibrations`; log and leave out any that cannot be decoded."""
     found = []
     for row in rows:
         try:

@@ -52,7 +52,7 @@ class StoreWriter:
 
     @property
     def idle(self) -> bool:
-        """Whether no write waits."""
+        """True if no write waits."""
         return not self._waiting
 
     def do(self, write: Write, done: Done = lambda _: None, *, soon: bool = True) -> None:

@@ -20,7 +20,7 @@ LINGER_S = 40.0
 class Takeover:
     """Mover of devices between this estimator and the others.
 
-    learn(device): lets a device's session learn from its last finished block before it leaves.
+    learn(device): updates a device's estimates from its last finished block before the device leaves.
     """
 
     def __init__(

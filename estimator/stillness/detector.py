@@ -44,7 +44,7 @@ SPIKE_FAR, SPIKE_FACTOR, SPIKE_ALONE = radians(200.0), 10.0, 1.5
 
 
 def too_seldom(rate_hz: float) -> Sentences:
-    """Reason why a stream of this sample rate is never judged still; () if the rate is high enough.
+    """Return the reason why a stream of rate_hz samples a second is never judged still; () if the rate is high enough.
 
     With a gap of GAP_S or more between samples, a movement may hide between any two.
     """
@@ -55,12 +55,12 @@ def too_seldom(rate_hz: float) -> Sentences:
 
 
 class Window(NamedTuple):
-    """A short run of n samples, judged still or moving: rows (n, 9) of estimator.samples.sample_buffer, spikes mended.
+    """A short run of n samples, judged still or moving: rows (n, 9) as in samples/sample_buffer.py, spikes mended.
 
     start, end: numbers of the first sample and of the one after the last, counted from the first sample fed.
     start_time, end_time: device time of the first and the last sample, s.
-    summed (12,): mean of gyro (3) and accel (3), then their standard deviations. spikes: number of samples mended.
-    aided: whether every sample has an accelerometer reading.
+    summed (12,): mean of gyro (3, rad/s) and accel (3, m/s²), then their standard deviations. spikes: number of samples
+    mended. aided: whether every sample has an accelerometer reading.
     """
 
     start: int
@@ -90,7 +90,9 @@ class Window(NamedTuple):
 
 
 class Windows:
-    """Consecutive windows: judgements found (m, 22) by kernels/stillness.py, over rows (n, 9) of estimator.samples.sample_buffer.
+    """Consecutive windows of rows (n, 9) as in samples/sample_buffer.py, and their judgements `found` (m, 22).
+
+    found: as described in kernels/stillness.py.
 
     first: number of rows[0], counted from the first sample fed. begin: index in rows of the first window's first
     sample.
@@ -131,7 +133,7 @@ class Windows:
 
     @property
     def samples(self) -> tuple[int, Floats]:
-        """Number of the first sample, and the rows (n, 9) of all windows."""
+        """Number of the first sample, and the rows (n, 9) of all windows: columns of samples/sample_buffer.py."""
         end = int(self.found.item(-1, 2)) if len(self) else self.begin
         return self.first + self.begin, self.rows[self.begin : end]
 
@@ -165,7 +167,7 @@ class StillnessState(StateStruct):
 
 
 class Stillness:
-    """Stillness detector: samples in, judged windows out.
+    """Stillness detector: cuts samples into windows, and judges each as still or moving.
 
     noise_guess: rad/s, white noise of one reading, until a rest has shown it. Window boundaries depend on the samples
     alone, never on their batching.
@@ -190,7 +192,7 @@ class Stillness:
         shaped(saved.recent, *self._recent.shape)
         shaped(saved.noise_std, 3, finite=True)
         if not 0 <= saved.state[1, 0] < 2**53:
-            raise ValueError("damaged state: no state of stillness")
+            raise ValueError("damaged state: not the state of a stillness detector")
         self._state, self._recent, self._next = saved.state, saved.recent, saved.next
         self.noise_std, self.noise_known = saved.noise_std, saved.noise_known
 

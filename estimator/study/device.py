@@ -63,7 +63,10 @@ class Device(Struct, frozen=True, kw_only=True):
 
 
 def load_device(name: str) -> Device:
-    """Load a sensor of configs/study/sensors by name, or from a .toml file. Raises ConfigError."""
+    """Load a sensor of configs/study/sensors by name, or from a .toml file.
+
+    Raises ConfigError if it is unknown or invalid.
+    """
     file = load(file_of(name, "sensor", [folder / "sensors" for folder in FOLDERS]), _File)
     model = load_model(file.model)
     white = (file.rate_hz / 2) ** 0.5

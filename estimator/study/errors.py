@@ -24,7 +24,9 @@ class ErrorsScenario(Simulation, frozen=True, kw_only=True):
     def __post_init__(self) -> None:
         Simulation.__post_init__(self)
         if len(self.paper_band) != len(self.noise_dps):
-            raise ValueError(f"paper_band has {len(self.paper_band)} numbers and noise_dps {len(self.noise_dps)}")
+            raise ValueError(
+                f"paper_band has {len(self.paper_band)} numbers and noise_dps {len(self.noise_dps)}: give one of each"
+            )
 
 
 class Row(Struct, frozen=True):
@@ -78,7 +80,7 @@ def results(scenario: ErrorsScenario, parts: Parts) -> Errors:
 
 
 def tables(found: Errors) -> Sequence[RenderableType]:
-    """Return a table of the errors, one row per parameter, noise and method, and a line with the NEES."""
+    """Return a table of the errors (k without unit, b in °/s), one row per parameter, noise and method, and the NEES."""
     headings = {
         "°/s": 0,
         "method": 0,

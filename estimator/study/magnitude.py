@@ -74,7 +74,7 @@ def _steady(found: Verification, spin: tuple[float, float]) -> slice:
 
 
 def results(scenario: VerificationScenario, parts: Parts) -> Magnitude:
-    """Compute the spread of the mean magnitudes over the sessions, and collect the first session of each sensor."""
+    """Compute the spread of the mean magnitudes, °/s, over the sessions, and collect the first session of each sensor."""
     devices = inputs(scenario).devices
     rows, traces = [], []
     for sensor in devices:

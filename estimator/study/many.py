@@ -44,7 +44,7 @@ def closure(seen: Evidence) -> tuple[Floats, Floats]:
 def bound(sessions: PaperSessions, noise_std: float, replacement_std: float) -> Floats:
     """Return the Cramér-Rao bound (s, 6) of bias and k as variances, for s sessions.
 
-    It is the inverse information at the truth, from noise-free readings.
+    The bound is the inverse information at the truth, from noise-free readings.
     noise_std: rad/s of a reading. replacement_std: as in `evidence`, rad.
     """
     gyro, clean = sessions.gyro, sessions.rates / sessions.gyro.k + sessions.gyro.bias

@@ -210,7 +210,7 @@ UNDETECTABLE: dict[str, Callable[[int], Trial]] = {
 
 
 def is_wrong(result: Result, k: Floats | None) -> bool:
-    """Whether a result is accepted but wrong: its scale is off by more than 1 % and 4 std, or k is None.
+    """Return whether a result is accepted but wrong: its scale is off by more than 1 % and 4 std, or k is None.
 
     k (3,): true scale factors; None if no result could be right.
     """
@@ -218,7 +218,7 @@ def is_wrong(result: Result, k: Floats | None) -> bool:
 
 
 def is_too_sure(result: Result, k: Floats | None) -> bool:
-    """Whether a result is accepted with a scale off by more than 0.2 % and 5 std: its covariance is too small."""
+    """Return whether a result is accepted with a scale off by more than 0.2 % and 5 std: its covariance is too small."""
     return result.verdict is Verdict.ACCEPTED and k is not None and _is_off(result, k, 0.002, 5.0)
 
 

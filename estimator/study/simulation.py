@@ -1,7 +1,7 @@
-"""Runs of the paper's simulation: Algorithm 1 and closure on the same sessions, compared with truth and Cramér-Rao bound.
+"""Runs of the paper's simulation: Algorithm 1 and closure on the same sessions, against truth and Cramér-Rao bound.
 
-The paper's gyro has a constant bias, and its hand puts the device back exactly; closure is told so. Where the simulated hand
-misses, closure is told by how much.
+The paper's gyro has a constant bias, and its hand puts the device back exactly; closure gets both facts as knobs. Where
+the simulated hand misses, closure gets the size of the error.
 """
 
 from collections.abc import Sequence

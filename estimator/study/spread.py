@@ -57,5 +57,5 @@ def spread(values: NDArray[np.float64]) -> Spread:
 
 
 def holds(interval: tuple[float, float], value: float) -> bool:
-    """Whether an interval contains a value, its ends included."""
+    """Return whether an interval contains a value, its ends included."""
     return interval[0] <= value <= interval[1]

@@ -83,14 +83,17 @@ class Study(Generic[S, R]):
         return STUDIES[self.name]
 
     def read(self, config: str = "") -> S:
-        """Read the study's scenario from its own file, or from `config`, a name or a path. Raises ConfigError."""
+        """Read the study's scenario from its own file, or from `config`, a name or a path.
+
+        Raises ConfigError if invalid.
+        """
         return load(file_of(config or self.name, "study", FOLDERS), self.scenario)
 
 
 def generator(seed: int, *words: str | float) -> np.random.Generator:
-    """Return the random number generator of one job, independent of those of other words.
+    """Return the random number generator of one job, from the seed and words that identify the job.
 
-    words: what tells the job apart.
+    Jobs with other words get independent numbers.
     """
     numbers = [int.from_bytes(repr(word).encode(), "little") for word in words]
     return np.random.default_rng([seed, *numbers])

@@ -70,7 +70,10 @@ class Testset(Struct, frozen=True):
 
 
 def results(scenario: TestsetScenario, parts: Parts) -> Testset:
-    """Compute the mean errors of the rate on a test set of each run, with new noise, before and after calibration."""
+    """Compute the mean errors of the rate, °/s, on a test set of each run, before and after calibration.
+
+    The test set has its own noise.
+    """
     rows, left = [], []
     for noise in scenario.noise_dps:
         before, after = [], []
@@ -105,7 +108,7 @@ def mean_errors(
 
 
 def tables(found: Testset) -> Sequence[RenderableType]:
-    """Return a table of mean errors, one row per axis, and a table of the shares left after calibration."""
+    """Return a table of mean errors, °/s, one row per axis, and a table of the shares left after calibration."""
     names = {BEFORE: "before", **WORDS}
     n = found.rows[0].error.n
     table = Columns(

@@ -45,7 +45,7 @@ Inputs = WithSensors[SensorsScenario]
 
 
 def inputs(scenario: SensorsScenario) -> Inputs:
-    """Read the files of a scenario's sensors. Raises ConfigError."""
+    """Read the files of a scenario's sensors. Raises ConfigError for an unknown or invalid one."""
     return WithSensors(scenario, {name: load_device(name) for name in scenario.sensors})
 
 
@@ -94,7 +94,7 @@ def work(of: Inputs, job: Job) -> Arrays:
 def session_of(
     of: SensorsScenario, method: str, rng: np.random.Generator
 ) -> tuple[Sequence[Piece], tuple[float, ...], bool, float | None]:
-    """Return a random session of a method: its motion, and what the calibration is told.
+    """Return a random session of a method: its motion, and the facts given to the calibration.
 
     That is: pieces of motion, known rates in °/s, whether the accelerometer is used, and its offset limit in m/s²,
     which is None for the device's own.

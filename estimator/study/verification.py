@@ -33,7 +33,7 @@ Inputs = WithSensors[VerificationScenario]
 
 
 def inputs(scenario: VerificationScenario) -> Inputs:
-    """Read the files of a scenario's sensors. Raises ConfigError."""
+    """Read the files of a scenario's sensors. Raises ConfigError for an unknown or invalid one."""
     return WithSensors(scenario, {name: load_device(name) for name in scenario.sensors})
 
 

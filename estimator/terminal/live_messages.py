@@ -1,4 +1,4 @@
-"""Follows the live messages of a ward, told apart from old ones that the bus kept."""
+"""Follows the live messages of a ward, apart from old ones that the bus kept."""
 
 import time
 
@@ -13,7 +13,7 @@ NO_DEVICE_DO = "Start a bridge, or name the right ward (--config WARD.toml or --
 
 
 def interrupted(begin: float, *, heard: bool) -> None:
-    """Handle Ctrl-C in a live view: re-raise KeyboardInterrupt if nothing was heard yet and it is too early to say so.
+    """Handle Ctrl-C in a live view: re-raise KeyboardInterrupt while a report would come too early.
 
     begin: monotonic time of the start, s. heard: whether any device was heard.
     """
@@ -29,7 +29,7 @@ class LiveMessages:
         self._statuses, self._infos = client.follow(), client.follow_infos()
 
     def listen(self, for_s: float) -> None:
-        """Wait for_s seconds, then take the messages that came into the view."""
+        """Wait for_s seconds, then add the messages that arrived to the view."""
         time.sleep(for_s)
         for info in self._infos.drain():
             self.view.take_info(info)

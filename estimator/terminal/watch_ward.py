@@ -36,7 +36,7 @@ def watch_ward(
 ) -> int:
     """Show the client's ward until Ctrl-C, for `seconds`, or once.
 
-    only: states or device ids to show. Returns 1 if no device was heard, or a word of `only` is neither.
+    only: states or device ids to show. Returns 1 if no device has sent, or a word of `only` is neither, else 0.
     """
     ears, heard, said, strange = LiveMessages(client), False, dict[str, str](), list[str]()
     listen = ears.settle if once else ears.listen

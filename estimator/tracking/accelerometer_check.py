@@ -21,7 +21,7 @@ SCALE_STD = 0.05
 
 
 class AccelerometerCheck(StateStruct):
-    """Accelerometer check: seconds and receipts of gravity's evidence in; whether to use the accelerometer out.
+    """Accelerometer check: takes seconds and receipts of gravity's evidence, tells whether to use the accelerometer.
 
     balance: contradicting minus agreeing seconds, at least 0. row: contradicting seconds in a row. disbelieved: whether
     the accelerometer is given up for this boot. alive: whether the readings have ever changed.
@@ -33,7 +33,7 @@ class AccelerometerCheck(StateStruct):
     alive: bool = False
 
     def fit(self, second: Second) -> bool:
-        """Whether the accelerometer can be used in the next second.
+        """Return whether the accelerometer can be used in the next second.
 
         False when there is none, when it was given up or is frozen, or when its mean magnitude is outside the plausible
         range.
@@ -53,7 +53,7 @@ class AccelerometerCheck(StateStruct):
     def heard(self, receipt: Receipt) -> None:
         """Count one second's receipt of gravity's evidence.
 
-        A test ratio above 1 contradicts the gyro, any other agrees.
+        A test ratio above 1 counts as a contradiction, any other as agreement.
         """
         against = receipt.test_ratio > 1
         self.row = self.row + 1 if against else 0
@@ -61,12 +61,12 @@ class AccelerometerCheck(StateStruct):
         self.disbelieved |= self.balance >= _PATIENCE
 
     def anew(self) -> None:
-        """Reset the counts of contradictions, because the bias has been started anew."""
+        """Reset the counts of contradictions, because the bias was restarted."""
         self.balance = self.row = 0
 
     @property
     def contradicts(self) -> bool:
-        """Whether the accelerometer has contradicted the bias for `in_a_row` seconds in a row.
+        """True if the accelerometer has contradicted the bias for `in_a_row` seconds in a row.
 
         False once it is given up.
         """

@@ -39,7 +39,10 @@ class FilterState(StateStruct):
 
 
 class Step(NamedTuple):
-    """Prediction step of the filter: predicted state x (n,), transition matrix F (n, n), process noise Q (n, n)."""
+    """Prediction step of the filter: predicted state x (n,), transition matrix F (n, n), process noise Q (n, n).
+
+    Units are those of the state: rad/s for the bias, rad/s/K for its slope.
+    """
 
     x: Floats
     F: Floats
@@ -89,7 +92,7 @@ class BiasFilter:
         shaped(saved.now.P, n, n, finite=True)
         shaped(saved.unsure, 3)
         if n < OWN or not isfinite(saved.now.time) or (np.diag(saved.now.P) < 0).any():
-            raise ValueError("damaged state: no state of a bias filter")
+            raise ValueError("damaged state: not the state of a bias filter")
         self.law = law
         self._take(saved.now)
         self._unsure = saved.unsure
@@ -111,12 +114,12 @@ class BiasFilter:
 
     @property
     def cov(self) -> Floats:
-        """(n, n) covariance of the current state `x`; read only."""
+        """(n, n) covariance of the current state, in squares of the units of `x`; read only."""
         return self._P
 
     @property
     def state(self) -> BiasState:
-        """Copy of the current state, with its covariance, device time and temperature."""
+        """Copy of the current state: x, its covariance, device time, s, and temperature, °C."""
         return BiasState(self._x.copy(), self._P.copy(), self.time, self.temperature_c, self._powered, self._bent_c)
 
     def predict(self, time: float, temperature_c: float = np.nan, carried: Step | None = None) -> Step | None:
@@ -162,7 +165,7 @@ class BiasFilter:
     def expect(self, law: TemperatureLaw, *, learnt: bool = False) -> None:
         """Use a temperature law from now on; its slope and variance replace the tracked ones.
 
-        learnt: the tracked slope was learnt under this law; it is kept.
+        learnt: the tracked slope was estimated under this law; the slope is kept.
         """
         self.law, self._unsure = (
             law,
@@ -186,7 +189,7 @@ class BiasFilter:
 
     @property
     def against_law(self) -> float:
-        """Distance of the slope from the law in standard deviations of what the evidence told; largest of three axes.
+        """Distance of the slope from the law, in standard deviations of the evidence; largest of three axes.
 
         0 without a law or without a temperature.
         """
@@ -282,7 +285,7 @@ class BiasFilter:
         """Update with evidence of the bias at an earlier device time, s, and temperature, °C, if it passes its gate.
 
         The random walk w since then is in the error of the state and, reversed, in the evidence: M is their covariance.
-        Neglected: what updates since then have already told of w. Returns the receipt.
+        Neglected: the information on w in the updates since then. Returns the receipt.
         """
         m, n, walk = len(evidence.z), len(self._x), self.walked(self.time - time)
         H, M, then = np.zeros((m, n)), np.zeros((n, m)), self._P.copy()

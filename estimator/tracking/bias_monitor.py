@@ -23,11 +23,12 @@ _INFLATION = 3.0
 
 
 class BiasMonitor(StateStruct):
-    """Bias monitor: receipts in; reasons to doubt the bias, or the end of a doubt, out.
+    """Bias monitor: takes receipts, gives reasons to doubt the bias, or the end of a doubt.
 
     why: reasons of the present doubt, or empty. contradictions: by part of the bias (level, vertical), their number
     since a rest last agreed. refused: by part, error of the latest contradiction, rad/s, and its kind. agreed: parts
-    that rests have agreed with since the doubt began. consistency: latest innovations. Raises ValueError for unknown parts.
+    that rests have agreed with since the doubt began. consistency: latest innovations. Raises ValueError for unknown
+    parts.
     """
 
     why: Sentences = ()
@@ -38,11 +39,11 @@ class BiasMonitor(StateStruct):
 
     def __post_init__(self) -> None:
         if not set(self.contradictions) == set(_PARTS) >= {*self.refused, *self.agreed}:
-            raise ValueError("damaged state: parts of a bias that there are not")
+            raise ValueError("damaged state: unknown parts of a bias")
 
     @property
     def stands(self) -> bool:
-        """Whether the bias is doubted; independent of the life cycle state, so a recalibration does not hide it."""
+        """True if the bias is doubted; independent of the life cycle state, so a recalibration does not hide it."""
         return bool(self.why)
 
     def anew(self) -> None:
@@ -83,8 +84,8 @@ class BiasMonitor(StateStruct):
     def news(self, age_s: float, *, gravity: bool) -> Sentences:
         """Reasons for a new doubt; empty when there is none or the bias is already doubted.
 
-        age_s: seconds since the last accepted rest, or since one was waited for. gravity: whether the accelerometer
-        contradicts the bias.
+        age_s: seconds since the last accepted rest, or since one was waited for. gravity: the accelerometer contradicts
+        the bias.
         """
         reason: Sentence | None = None
         against = [self.refused[part] for part in _PARTS if self.contradictions[part] >= CONTRADICTIONS]

@@ -1,4 +1,4 @@
-"""State of the bias filter, what it begins with, and how fast the bias walks; letters as in bias_filter.py."""
+"""State of the bias filter, its initial value, and its process noise; letters as in bias_filter.py."""
 
 from dataclasses import dataclass
 from math import exp, expm1, radians
@@ -15,7 +15,7 @@ OWN = 6
 
 @dataclass(frozen=True, slots=True)
 class BiasKnobs:
-    """Process noise of the bias. Rates in rad/s."""
+    """Process noise of the bias: settings; rates in rad/s, times in s."""
 
     #: rate random walk at a constant temperature, rad/s per root second
     rate_random_walk: float = radians(8e-4)

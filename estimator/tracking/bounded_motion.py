@@ -50,7 +50,7 @@ class _Refused:
 
 
 class BoundedMotion(StateStruct):
-    """Bounded-motion evidence of the bias: quiet seconds in, receipts for each whole stretch out.
+    """Bounded-motion evidence of the bias: takes quiet seconds, gives receipts for each whole stretch.
 
     seconds: of the present stretch. refused: stretches by kind of evidence. Raises ValueError for wrong shapes.
     """
@@ -67,7 +67,7 @@ class BoundedMotion(StateStruct):
             shaped(refused.cov, 3, 3)
 
     def take(self, second: Second, bias: BiasFilter, up: Floats | None = None) -> list[Receipt]:
-        """Add the next second, to whose end the filter has been predicted; at the end of a stretch, update the filter.
+        """Add the next second, after predicting the filter to its end; at the end of a stretch, update the filter.
 
         up (3,): direction of gravity's reading, None without an accelerometer. Returns the receipts of a complete
         stretch, else an empty list.

@@ -40,7 +40,7 @@ _VELOCITY_SEEN = np.eye(SIZE)[VELOCITY]
 
 @dataclass(frozen=True, slots=True)
 class GravityKnobs:
-    """Noise of gravity's evidence. m/s², m/s."""
+    """Noise settings of gravity's evidence: accelerations in m/s², velocities in m/s."""
 
     #: m/s, standard deviation of a wearer's mean speed over a span: without unrest, added for each m/s of unrest, and at most.
     #: A limb shaken harder gets no farther; a walker reaches the limit
@@ -105,7 +105,7 @@ class Gravity:
     def carry(
         self, span: Span, bias: BiasFilter, gyro_noise: float, unseen_turn: float = 0.0, unseen_push: float = 0.0
     ) -> Step:
-        """Prediction step for `BiasFilter.predict` over a span: moves gravity and velocity, and adds their noise.
+        """Return the prediction step over a span for `BiasFilter.predict`: gravity and velocity move, and gain noise.
 
         The span must have been integrated with the filter's own bias and matrix. If gravity is not known, it begins
         here.
@@ -123,7 +123,7 @@ class Gravity:
         return Step(*carried(bias.x, bias.cov, span.rows, kept, G, noise))
 
     def evidence(self, span: Span, *, resting: bool) -> Evidence:
-        """Zero-velocity evidence for the span just carried: of its mean, or at its end for a resting device."""
+        """Zero-velocity evidence, m/s, for the span just carried: of its mean, or at its end for a resting device."""
         if resting:
             return self._resting
         # In axes of the end: mean = v - C^T (push - shift / T) + g T / 2. The effect of a wrong bias within the span is small.
@@ -135,8 +135,8 @@ class Gravity:
     def heard(self, receipt: Receipt, span: Span, *, resting: bool) -> None:
         """Pass the receipt of this evidence for a span to the steady motion detector.
 
-        An unlikely receipt (of mirrored axes, say) or one of a resting device tells of no walk; it breaks the
-        detector's chain.
+        An unlikely receipt (of mirrored axes, say) or one of a resting device is no sign of walking, and restarts the
+        detector.
         """
         if resting or receipt.test_ratio > 1:
             self.state.lasting.before = None

@@ -24,7 +24,7 @@ _FREEDOMS = range(1, 4)
 
 
 class InnovationConsistency(StateStruct, dict=True):
-    """Consistency check: receipts in; factor by which standard deviations are to be enlarged out.
+    """Consistency check: takes receipts, gives the factor by which standard deviations are to be enlarged.
 
     Latest receipts, at most WINDOW: NIS, degrees of freedom, and mean normalised innovation (`signs`) of each. Raises
     ValueError when the lists do not match.
@@ -37,7 +37,7 @@ class InnovationConsistency(StateStruct, dict=True):
     def __post_init__(self) -> None:
         together = len(self.nis) == len(self.freedoms) == len(self.signs) <= WINDOW
         if not together or not all(freedom in _FREEDOMS for freedom in self.freedoms):
-            raise ValueError("damaged state: receipts do not go together")
+            raise ValueError("damaged state: the lists of receipts differ in length")
         #: cached factor; None when a receipt has come since
         self._inflation: float | None = None if self.nis else 1.0
         self._mean = float("nan")

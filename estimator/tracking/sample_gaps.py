@@ -1,7 +1,7 @@
 """Integration error of a second with lost samples.
 
-The integral holds the first reading after a hole over all of it. The lost readings would have differed: by the step between
-the readings around the hole, and by a usual step between neighbours for each lost sample.
+The integral holds the first reading after a hole over all of it. The lost readings would have differed from it by the
+step between the readings around the hole, and by a usual step between neighbours for each lost sample.
 """
 
 import numpy as np

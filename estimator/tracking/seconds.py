@@ -1,6 +1,6 @@
 """Cuts a stream into seconds and marks those unfit for tracking.
 
-A second with clipped or stuck readings, or with a gap, tells nothing of rotation.
+A second with clipped or stuck readings, or with a gap, does not measure rotation.
 """
 
 from math import radians
@@ -31,13 +31,13 @@ GAP_S = 0.25
 class Second(NamedTuple):
     """One second of n samples, from `start` (time of the sample before) to `end`; dt (n,) s, gyro and accel (n, 3).
 
-    still: whether all of it was judged still. flaw: why it tells nothing of rotation, or empty.
-    mean, std (3,): of the readings. mean_var (3,): variance of the mean at rest; common_var (3,): its part from rounding, the
-    same error in all means. noise_std (3,): noise of a reading as known then.
+    still: whether all of it was judged still. flaw: why the second does not measure rotation, or empty. mean, std (3,)
+    rad/s: of the gyro readings. mean_var (3,): variance of the mean at rest; common_var (3,): its part from rounding,
+    the same error in all means. noise_std (3,): noise of a reading as known then.
     accel_mean, accel_std (3,): None without accelerometer. accel_strength: mean magnitude, m/s², NaN without.
     celsius: mean temperature, °C, NaN where unknown.
-    last: number of the last sample, counted from the first one fed.
-    unseen_turn, rad, unseen_push, m/s: rms uncertainty of angle and velocity change from lost samples.
+    last: number of the last sample, counted from the first one fed. unseen_turn, rad, unseen_push, m/s: rms uncertainty
+    of angle and velocity change from lost samples.
     """
 
     start: float
@@ -81,10 +81,7 @@ class SecondsState(StateStruct):
 
 
 class Seconds:
-    """Cuts the stream into seconds: stillness windows in, seconds out.
-
-    The cuts depend on the samples alone, not on their batching.
-    """
+    """Cuts the stream of stillness windows into seconds. The cuts depend on the samples alone, not on their batching."""
 
     def __init__(self) -> None:
         self._state, self._waiting = nothing_gathered()
@@ -199,6 +196,6 @@ class Seconds:
         )
 
     def _stuck(self, held: NDArray[np.bool_], noise_std: Floats) -> bool:
-        """Whether an axis repeats its readings that must not: held (3,) marks the axes that do."""
+        """Return whether an axis repeats its readings that must not: held (3,) marks the axes that do."""
         # A gyro coarser than its noise may repeat readings at rest; an axis that showed noise before may not.
         return bool((held & (self._noisy | (noise_std > self._step / 2) & (noise_std > 1e-6))).any())

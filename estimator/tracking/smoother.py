@@ -59,9 +59,9 @@ class History:
             self._thin()
 
     def doubt(self, cov: Floats, since: float, now: float) -> None:
-        """Add a covariance (3, 3), (rad/s)², to the bias walk between two device times, s, spread evenly over steps.
+        """Add a covariance (3, 3), (rad/s)², to the bias walk, spread evenly over the steps from `since` to `now`.
 
-        since -inf: the covariance is added to every stored state instead.
+        since, now: device times, s. since -inf: the covariance is added to every stored state instead.
         """
         if np.isneginf(since):
             for step in self._steps:

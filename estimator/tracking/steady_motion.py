@@ -24,7 +24,7 @@ _ONE = 2.0
 
 
 class SteadyMotion(StateStruct):
-    """Steady motion detector: one velocity innovation per second of movement in; factor for its variance R out.
+    """Steady motion detector: takes a velocity innovation per second of movement, gives the factor for its variance.
 
     shared: innovation correlation c. before: the previous innovation, m/s, or None.
     """

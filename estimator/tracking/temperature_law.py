@@ -36,5 +36,5 @@ class TemperatureLaw:
         return np.asarray(self.cov @ by @ by)
 
     def change(self, from_c: float, to_c: float) -> Floats:
-        """(3,) change of the bias from one temperature to another, rad/s."""
+        """(3,) change of the bias, rad/s, from temperature from_c to temperature to_c, °C."""
         return (to_c - from_c) * self.slope((from_c + to_c) / 2)

@@ -1,4 +1,4 @@
-"""Learns a device's temperature law over its boots by generalised least squares, axis by axis.
+"""Fits a device's temperature law to its boots by generalised least squares, axis by axis.
 
 The offset of each boot is unknown, the random walk is part of the covariance, and a prior gives the usual size of the
 coefficients. A boot whose points scatter gets less weight, and boots that disagree widen the covariance (R. T. Birge,
@@ -26,7 +26,7 @@ _LEAST_STD = 1e-6
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Points:
-    """m tracked biases of one boot in time order, from which a temperature law is learnt.
+    """m tracked biases of one boot in time order, to which a temperature law is fitted.
 
     time (m,) device s, bias (m, 3) rad/s, its standard deviation std (m, 3) rad/s, temperature_c (m,) °C.
     """

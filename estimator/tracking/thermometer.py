@@ -1,6 +1,6 @@
 """Filtered temperature of a device: averaged, and leaps accepted only when they persist.
 
-From noise taken for warmth the bias filter would learn, surer every second, that temperature does not move the bias.
+If noise counted as warmth, the bias filter would conclude, surer every second, that temperature does not move the bias.
 """
 
 from math import expm1, isfinite
@@ -21,7 +21,7 @@ _STALE_S = 60.0
 
 
 class Thermometer(StateStruct):
-    """Temperature filter: readings in; present and recent averages out. °C, device s; NaN when unknown.
+    """Temperature filter: averages the readings. Temperatures in °C, times in device s; NaN when unknown.
 
     averages: recent ones as (device time s, °C). leapt: device time, s, since which readings exceed a leap, or None.
     reading: latest accepted, unfiltered, °C.

@@ -17,7 +17,7 @@ SETTLED_S = 5.0
 
 
 class TiltCheck(StateStruct):
-    """Tilt check: quiet seconds in; whether the device tilts out. Begins anew when the device moves.
+    """Tilt check: takes quiet seconds, and tells whether the device tilts. Restarts when the device moves.
 
     seen: whether gravity turns. means: recent times, s, mean readings of gravity, and their variance along an axis.
     """
@@ -53,7 +53,7 @@ class TiltCheck(StateStruct):
         return turned
 
     def would_show(self, rate: float, second: Second) -> bool:
-        """Whether a tilting turn at this rate, rad/s, would have been noticed by the end of this second."""
+        """Return whether a tilting turn at this rate, rad/s, would have been noticed by the end of this second."""
         seen_s = (second.start + second.end) / 2 - (self.means[0][0] if self.means else 0.0)
         least = (SIGMAS + 1) * sqrt(2) * ACCEL_FLOOR / G
         return bool(seen_s >= min(least / rate, OVER_S - 1.5))

@@ -10,7 +10,7 @@ from estimator.tracking.gravity import GravityKnobs
 
 @dataclass(frozen=True, slots=True)
 class TrackKnobs:
-    """Settings of the bias tracker. Device seconds, rad/s, m/s²."""
+    """Settings of the bias tracker: times in device seconds, rates in rad/s, accelerations in m/s²."""
 
     #: rad/s; a bias with a greater standard deviation counts as unknown
     bias_std: float = np.radians(0.2)

@@ -1,4 +1,4 @@
-"""Tracked bias of one boot: its estimate, what it starts from, and whether it is doubted."""
+"""Tracked bias of one boot: its estimate, its start value, and doubts about it."""
 
 from dataclasses import replace
 
@@ -29,7 +29,7 @@ _LEFT = 0.8
 
 
 class TrackerState(StateStruct):
-    """Saved state of a tracker without the smoother's history, which begins anew after a restore.
+    """Saved state of a tracker without the smoother's history, which restarts after a restore.
 
     evidenced: whether a rest of this boot is known. evidence_time: device time, s, of the last accepted rest. gap:
     begin and end, s, of the latest gap in the evidence, not yet smoothed. kept: restored bias state, until the stream
@@ -76,7 +76,7 @@ class TrackedBias:
         self.supposed(model, bias_std, began)
 
     def _believe(self, model: GyroModel, state: BiasState) -> None:
-        """Begin anew from a bias state, with this model's matrix."""
+        """Restart from a bias state, with this model's matrix."""
         self._model = model
         self._gravity = Gravity(self.knobs.gravity)
         self._filter = BiasFilter(replace(state, x=state.x[:OWN], P=state.P[:OWN, :OWN]), self.knobs.bias, self.law)
@@ -117,7 +117,7 @@ class TrackedBias:
         self._filter.resume(saved.filter, saved.law)
         self._walk, self._filter.pace = saved.walk, saved.walk.pace
         if len(self._filter.x) not in (OWN, SIZE):
-            raise ValueError("damaged state: no state of a bias filter")
+            raise ValueError("damaged state: not the state of a bias filter")
         self._gravity, self._zaru, self._bounded = Gravity(self.knobs.gravity, saved.gravity), saved.zaru, saved.bounded
         self.seconds.restore(saved.seconds, first, samples)
         self.thermometer, self._accelerometer, self.doubt = saved.thermometer, saved.accelerometer, saved.doubt
@@ -128,7 +128,7 @@ class TrackedBias:
 
     @property
     def state(self) -> BiasState:
-        """Copy of the current state of the bias filter."""
+        """Copy of the current state of the bias filter: bias, rad/s, its slope, and their covariance."""
         return self._filter.state
 
     @property
@@ -176,10 +176,10 @@ class TrackedBias:
 
     @property
     def taught(self) -> Floats | None:
-        """What gravity has taught, (21,): relative change (9) of the matrix in use, row by row, and rms errors; None before.
+        """Change of the matrix as gravity shows it, (21,): relative change (9), by rows, then rms errors; None before.
 
-        The errors are those of the changed matrix (9), relative, and of the accelerometer (3), m/s². The change is zero until
-        every scale factor is known to 1 %.
+        The errors are those of the changed matrix (9), relative, and of the accelerometer (3), m/s². The change is zero
+        until every scale factor is known to 1 %.
         """
         if len(self._filter.x) == OWN:
             return None
@@ -195,12 +195,12 @@ class TrackedBias:
 
     @property
     def matrix(self) -> Floats:
-        """(3, 3) gyro matrix in use, without what gravity has taught since (`taught`)."""
+        """(3, 3) gyro matrix in use, without the later correction from gravity (`taught`)."""
         return self._model.matrix
 
     @property
     def surer(self) -> bool:
-        """Whether gravity has taught the matrix better than it was known before, so that it can come into use.
+        """True if gravity has determined the matrix better than it was known before, so that it can come into use.
 
         False where `TrackKnobs.learn_matrix` is off, or where anything speaks against bias or accelerometer.
         """
@@ -214,7 +214,7 @@ class TrackedBias:
 
     @property
     def sure(self) -> bool:
-        """Whether the bias is known better than `TrackKnobs.bias_std` on all axes."""
+        """True if the bias is known better than `TrackKnobs.bias_std` on all axes."""
         most = self.knobs.bias_std / self.doubt.consistency.inflation
         return all(var < most * most for var in self._filter.cov.diagonal()[BIAS].tolist())
 
@@ -249,10 +249,7 @@ class TrackedBias:
         return None if smoothed is None else (end - begin, smoothed)
 
     def supposed(self, model: GyroModel, bias_std: Floats, time: float) -> None:
-        """Begin anew from a gyro model's bias with bias_std (3,) rad/s at a device time, s.
-
-        Nothing of this boot is known.
-        """
+        """Restart from a gyro model's bias with bias_std (3,) rad/s at a device time, s; nothing of this boot is known."""
         self._believe(model, start(model.bias, np.diag(bias_std**2), time, self.knobs.bias, powered=self._began))
         self._supposed = np.array([model.bias, bias_std])
 
@@ -263,14 +260,14 @@ class TrackedBias:
             self._filter.extend(self._gravity.extend(self._filter.state, model.scale_std, model.cross_std))
 
     def corrected_by(self, model: GyroModel) -> None:
-        """Use a gyro model whose matrix gravity taught (see `surer`); the tracked bias and all else go on."""
+        """Use a gyro model whose matrix was estimated from gravity (see `surer`); tracking continues."""
         self._model = model
         x = self._filter.x.copy()
         x[MATRIX] = 0.0
         self._filter.extend(replace(self._filter.state, x=x))
 
     def restored(self, model: GyroModel, state: BiasState, now: float, temperature_c: float | None = None) -> None:
-        """Continue from a stored bias state at device time `now`, s; samples from before the state teach nothing.
+        """Continue from a stored bias state at device time `now`, s; samples from before the state are not used.
 
         temperature_c: the device's temperature now, °C, or None when unknown.
         """
@@ -290,7 +287,10 @@ class TrackedBias:
             self._filter.look_back(self._kept, now, celsius)
 
     def expect(self, law: TemperatureLaw, *, learnt: bool) -> None:
-        """Use a temperature law from now on; its slope replaces the tracked one, unless that was learnt under it."""
+        """Use a temperature law from now on; its slope replaces the tracked one.
+
+        learnt: keep the slope, estimated under it.
+        """
         self.law = law
         self._filter.expect(law, learnt=learnt)
 

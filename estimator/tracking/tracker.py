@@ -1,4 +1,4 @@
-"""Bias tracker of one boot: learns from seconds of samples, by all kinds of evidence."""
+"""Bias tracker of one boot: updates the bias from seconds of samples, by all kinds of evidence."""
 
 from dataclasses import dataclass
 from math import sqrt
@@ -35,7 +35,7 @@ class RestBias:
 
 
 class Tracker(TrackedBias):
-    """Bias tracker of one boot: stillness windows in; bias, its uncertainty, and reasons to doubt or trust it out."""
+    """Bias tracker of one boot: takes stillness windows; gives bias, uncertainty, and reasons to doubt or trust both."""
 
     def calibrated(self, model: GyroModel, cov: Floats, time: float, rest: RestBias) -> None:
         """Start again from a calibration: its bias with covariance cov (3, 3) rad²/s² at `time`, s.
@@ -62,10 +62,7 @@ class Tracker(TrackedBias):
         self.doubt.anew()
 
     def learn(self, second: Second) -> list[Receipt]:
-        """Learn bias, temperature and gravity from the next second.
-
-        Returns the filter's receipts of rests, possibly none.
-        """
+        """Update bias, temperature and gravity from the next second; return the filter's receipts of rests, if any."""
         self.thermometer.read(second.end, second.celsius)
         receipts = self._second(second)
         if heard := [*self._zaru.judged(), *receipts]:

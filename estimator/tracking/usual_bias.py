@@ -1,8 +1,9 @@
-"""Keeps a bias that evidence does not reach near what is usual.
+"""Keeps a bias without evidence near usual values.
 
-A few gyros of an unknown kind start with a bias of 5 °/s, and the prior must be as wide as that; most start within 0.5 °/s. In an
-axis that evidence does not reach a wide prior lets the estimate run after every error of the evidence. Here its mean is taken
-under the usual prior, unless the evidence contradicts that; its covariance stays that of the wide one.
+A few gyros of an unknown kind start with a bias of 5 °/s, and the prior must be as wide as that; most start within 0.5
+°/s. In an axis that evidence does not reach, a wide prior lets the estimate follow every error of the evidence. Here
+its mean is taken under the usual prior, unless the evidence contradicts that; its covariance stays that of the wide
+one.
 """
 
 import numpy as np

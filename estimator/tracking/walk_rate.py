@@ -1,10 +1,11 @@
-"""Learns how fast the bias of this boot walks, from its own rests.
+"""Estimates how fast the bias of this boot walks (rate random walk), from its own rests.
 
-A bank of random walks runs beside the bias filter, one scalar filter a hypothesis and axis: the model's rate random walk times
-a factor. The rests' means give each its likelihood. The factor in use is the mean of theirs on a logarithmic scale, weighted
-by probability. Warming up is expected by all of them alike: rests of minutes do not show that it has ended.
-Source: multiple-model estimation, D. T. Magill, "Optimal adaptive estimation of sampled stochastic processes",
-IEEE Trans. Automatic Control 10 (1965).
+A bank of random walks runs beside the bias filter, one scalar filter a hypothesis and axis: the model's rate random
+walk times a factor. The rests' means give each its likelihood. The factor in use is the mean of theirs on a logarithmic
+scale, weighted by probability. Warming up is expected by all of them alike: rests of minutes do not show that it has
+ended.
+Source: multiple-model estimation, D. T. Magill, "Optimal adaptive estimation of sampled stochastic processes", IEEE
+Trans. Automatic Control 10 (1965).
 """
 
 from math import isnan, radians
@@ -32,10 +33,11 @@ _N = len(_FACTORS)
 
 
 class WalkRate(StateStruct):
-    """Bank of h random walks of one boot: rests in; out `pace`, the factor of the walk's variance.
+    """Bank of h random walks of one boot: takes rests, gives `pace`, the factor of the walk's variance.
 
-    told (h,) log-likelihoods; x (h, 3) rad/s, P (h, 3) (rad/s)² means and variances. time, s, and celsius, °C: of the last
-    measurement. block: seconds of the next one so far, as (end, mean, variance, °C). Raises ValueError for wrong shapes.
+    told (h,): log-likelihoods; x (h, 3) rad/s, P (h, 3) (rad/s)² means and variances. time, s, and celsius, °C: of the
+    last measurement. block: seconds of the next one so far, as (end, mean, variance, °C). Raises ValueError for wrong
+    shapes.
     """
 
     told: Floats = msgspec.field(default_factory=lambda: np.zeros(_N))
@@ -54,10 +56,10 @@ class WalkRate(StateStruct):
             shaped(var, 3, finite=True)
 
     def take(self, second: Second, bias: BiasState, knobs: BiasKnobs, powered: float) -> bool:
-        """Add a second of rest; after every five in a row, return that `pace` is learnt from their mean.
+        """Add a second of rest; after every five in a row, update `pace` from their mean and return True.
 
-        bias: state of the bias filter at the end of the second; knobs: its settings. powered: device time of the power-up, s;
-        -inf when unknown, and then nothing warms up.
+        bias: state of the bias filter at the end of the second; knobs: its settings. powered: device time of the
+        power-up, s; -inf when unknown, and then nothing warms up.
         """
         block = self.block
         if block and second.start - block[-1][0] > _SAME_S:

@@ -1,9 +1,9 @@
 """Zero angular rate update (ZARU): while the device rests, its reading is its bias.
 
-With an accelerometer the rest is split by gravity. A turn about a horizontal axis would tilt gravity: the horizontal part of
-a rest is checked and always usable. A turn about the vertical is invisible, and a bed or chair turns slowly and evenly: the
-vertical part must lie inside its gate. When it stays outside but constant for long, it is believed. In another pose the same
-axis becomes horizontal.
+With an accelerometer the rest is split by gravity. A turn about a horizontal axis would tilt gravity: the horizontal
+part of a rest is checked and always usable. A turn about the vertical is invisible, and a bed or chair turns slowly and
+evenly: the vertical part must lie inside its gate. If it stays outside but constant for long, it is accepted. In
+another pose the same axis becomes horizontal.
 """
 
 from collections.abc import Iterable
@@ -34,16 +34,19 @@ INSISTED, JUMPED = "insisted", "jumped"
 
 
 class Zaru(StateStruct):
-    """ZARU evidence: seconds of rest in, receipts out; updates one BiasFilter. Raises ValueError for a damaged state.
+    """ZARU evidence: takes seconds of rest, updates one BiasFilter, gives receipts.
+
+    Raises ValueError for a damaged state.
 
     ever_proven: whether any second belonged to a proven rest, or the bias was known at the start.
-    means (k, 2, 3): mean and its variance of the latest quiet seconds. quiet: quiet seconds in a row; quiet_until: end of the
-    last, s. rests: seconds of rest in a row. gap_s: how long the device moved before this rest. proven: whether the latest
-    second belongs to a proven rest. rested: whether a rest was proven since a restart. blind: whether samples were missing,
-    and no rest was seen since. surprised: kinds of evidence already checked against the gap. in_question: variance,
-    (rad/s)², of a bias believed only for its insistence. waiting: measurements to be judged with the following ones.
-    contradiction: its begin, s, and z and R measured then. receipts_before, receipts_late: receipts not yet fetched, see
-    `surprises` and `judged`.
+    means (k, 2, 3): mean and its variance of the latest quiet seconds. quiet: quiet seconds in a row; quiet_until: end
+    of the last, s. rests: seconds of rest in a row. gap_s: how long the device moved before this rest. proven: whether
+    the latest second belongs to a proven rest. rested: whether a rest was proven since a restart. blind: whether
+    samples were missing, and no rest was seen since. surprised: kinds of evidence already checked against the gap.
+    in_question: variance, (rad/s)², of a bias accepted only because it persisted. waiting: measurements to be judged
+    with the following ones.
+    contradiction: its begin, s, and z and R measured then. receipts_before, receipts_late: receipts not yet fetched,
+    see `surprises` and `judged`.
     """
 
     tilt: TiltCheck = msgspec.field(default_factory=TiltCheck)
@@ -68,7 +71,7 @@ class Zaru(StateStruct):
         for evidence, *_ in self.waiting:
             m = len(evidence.z)
             if m not in GATES:
-                raise ValueError("damaged state: what waits is no measurement")
+                raise ValueError("damaged state: a waiting measurement is malformed")
             shaped(evidence.z, m, finite=True)
             shaped(evidence.H, m, -1, finite=True)
             shaped(evidence.R, m, m, finite=True)
@@ -131,7 +134,7 @@ class Zaru(StateStruct):
         return receipts
 
     def at_rest(self, second: Second) -> bool:
-        """Note a quiet second; returns whether it belongs to a rest, rather than breathing or swaying."""
+        """Note a quiet second; returns whether it belongs to a rest, rather than to breathing or swaying."""
         self.quiet += 1
         latest = np.array([[second.mean, second.mean_var]])
         self.means = np.concatenate([self.means[1 - _RECENT :], latest])
@@ -180,7 +183,7 @@ class Zaru(StateStruct):
         return receipts if proven else [r._replace(reason=r.reason or UNPROVEN) for r in receipts], said
 
     def _begins(self, *, proven: bool) -> bool:
-        """Whether gravity's evidence is to be taken first: at the begin of a rest it may tell more than within it."""
+        """Return whether to use gravity's evidence first: at a rest's begin gravity may tell more than within the rest."""
         return self.rests == 1 or (proven and "zaru level" not in self.surprised)
 
     def _unproven_var(self, second: Second, *, checked: bool) -> Floats | float:
@@ -273,7 +276,7 @@ class Zaru(StateStruct):
             bias.widen(min(float(np.mean(weighed.innovation**2)), most) * np.eye(3))
 
     def _checked(self, second: Second, innovation: Floats) -> bool:
-        """Whether a turn at the rate of the innovation would have tilted gravity visibly by now."""
+        """Return whether a turn at the rate of the innovation would have tilted gravity visibly by now."""
         if self.rests < limits.SURE_RESTS:
             return False
         return self.tilt.would_show(float(np.linalg.norm(innovation)), second)

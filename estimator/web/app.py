@@ -40,7 +40,7 @@ def routes() -> list[BaseRoute]:
 def application(desk: Desk, broadcast: Broadcast) -> Starlette:
     """Build the ASGI application of one dashboard: routes, guard, compression and error pages.
 
-    It broadcasts while it runs.
+    The application runs the broadcast loop of the pages.
     """
 
     @contextlib.asynccontextmanager

@@ -99,7 +99,7 @@ class Broadcast:
         self.failed, self.left_out = Tally(), Tally()
 
     def connect(self, client: Client, control: Client) -> None:
-        """Start receiving by the sessions of a router, when one is first connected; topics already watched start anew.
+        """Start receiving by the sessions of a router, when one is first connected; topics already watched restart.
 
         client: session for data; control: session for liveliness and commands.
         """
@@ -172,13 +172,13 @@ class Broadcast:
 
     @contextlib.contextmanager
     def _guarded(self, name: str, now: float) -> Iterator[None]:
-        """Context that contains any failure of a topic: the topic starts anew."""
+        """Context that contains any failure of a topic: the topic restarts."""
         try:
             yield
         except Exception as error:
             kind = name.partition("/")[0]
             if self.failed.add(kind) == 1:
-                log.exception("%s failed and begins anew (more of this kind are only counted)", name)
+                log.exception("%s failed and restarts (further failures of this kind are only counted)", name)
             else:
                 log.debug("%s failed again: %s", name, error)
             if name in self._running:

@@ -27,7 +27,7 @@ Line = tuple[str, str, str]
 class DevicePage:
     """Everything that a device's page shows in one language, except its live charts.
 
-    progress: of the calibration, 0 to 1. blocked: why nothing can be asked for, or empty. facts: (name, value) of
+    progress: of the calibration, 0 to 1. blocked: why no command can be given, or empty. facts: (name, value) of
     hardware and counts. calibrations: whether the device is corrected by it, and its cells. calibrations, boots, notes,
     events: the newest first.
     """

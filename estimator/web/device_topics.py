@@ -25,7 +25,10 @@ class DeviceTopic(topics.Topic):
     of_a_device = worded = True
 
     def whole(self, now: float, now_ns: int) -> Iterable[Frame]:
-        """Yield the present content of the page as one text frame; nothing for an unknown device."""
+        """Yield the present content of the page as one text frame; nothing for an unknown device.
+
+        now: monotonic s. now_ns: ns since the Unix epoch.
+        """
         if self._story is not None:
             told = self._desk.treatment.told(self._device)
             yield topics.text(self._topic, device_page(self._known, self._device, now, now_ns, self._t, told))
@@ -49,13 +52,19 @@ class TraceTopic(topics.Topic):
         self._told_at = 0.0
 
     def whole(self, now: float, now_ns: int) -> Iterable[Frame]:  # noqa: ARG002 - of a topic
-        """Yield the raw and corrected rates of the last 20 s as a binary frame, then the heading error as text."""
+        """Yield the raw and corrected rates of the last 20 s as a binary frame, then the heading error as text.
+
+        now: monotonic s. now_ns: ns since the Unix epoch.
+        """
         if (kept := self._traces.kept()) is not None:
             yield self._frame(kept)
         yield self._headings()
 
     def frames(self, now: float, now_ns: int) -> Iterable[Frame]:  # noqa: ARG002 - of a topic
-        """Yield the new points as a binary frame, and once a second the heading error as text."""
+        """Yield the new points as a binary frame, and once a second the heading error as text.
+
+        now: monotonic s. now_ns: ns since the Unix epoch.
+        """
         story = self._story
         if story is not None and story.trail.rests:
             self._heading.restart(story.trail.rests[-1][0] / 1e9)
@@ -106,7 +115,10 @@ class AttitudeTopic(topics.Topic):
         self._streams = [self._attitudes]
 
     def frames(self, now: float, now_ns: int) -> Iterable[Frame]:  # noqa: ARG002 - of a topic
-        """Yield the newest attitude as one text frame, if a new one has come since the last call."""
+        """Yield the newest attitude as one text frame, if a new one has come since the last call.
+
+        now: monotonic s. now_ns: ns since the Unix epoch.
+        """
         if (batch := self._attitudes.latest()) is not None:
             w, x, y, z = map(float, batch.quat_wxyz[-1])
             about = {
@@ -129,6 +141,7 @@ class TrailTopic(topics.Topic):
         """Yield rests and marks (times in s since the Unix epoch) as text, then the points as a binary frame.
 
         The frame: float64 (n,) times in s, then float32 (n, 7) bias x, y, z and its std in °/s, temperature in °C.
+        now: monotonic s. now_ns: ns since the Unix epoch.
         """
         if self._story is None or not (trail := self._story.trail).times_ns.size:
             return

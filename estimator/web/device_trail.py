@@ -57,8 +57,8 @@ class Trail:
     def take(self, status: Status) -> None:
         """Add a status (sent once a second and at every change) as a point.
 
-        A status not newer than the last point is left out.
-        If a second such status follows, newer than the first, the clock was set back; the points after it are dropped.
+        A status not newer than the last point is left out. If a second such status follows, newer than the first, the
+        clock was set back, and points later than that status are dropped.
         """
         latest_ns = self.receipts[-1].time_ns if self.receipts else 0
         self.receipts += (one for one in status.receipts if one.time_ns > latest_ns)  # a status may come twice

@@ -64,7 +64,7 @@ class Guard:
     def _refused(self, scope: Scope) -> Fault | None:
         """Why the request is refused, or None. An unknown host name may be a foreign page's, pointed at our address."""
         if len(scope["path"]) + len(scope["query_string"]) > LONGEST:
-            words = f"An address of more than {LONGEST} characters is not taken."
+            words = f"The address is longer than {LONGEST} characters, the most that is allowed."
             return Fault(HTTPStatus.REQUEST_URI_TOO_LONG, "too_long", words)
         headers = Headers(scope=scope)
         host = headers.get("host", "")

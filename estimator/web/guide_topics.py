@@ -25,7 +25,10 @@ class GuideTopic(topics.Topic):
         self._told_at = 0.0
 
     def whole(self, now: float, now_ns: int) -> Iterable[Frame]:  # noqa: ARG002 - of a topic
-        """Yield the present instruction as a text frame; nothing for an unknown device."""
+        """Yield the present instruction as a text frame; nothing for an unknown device.
+
+        now: monotonic s. now_ns: ns since the Unix epoch.
+        """
         if (story := self._story) is None:
             return
         for batch in self._raw.drain():

@@ -57,7 +57,7 @@ class Heading:
 
     @property
     def vertical(self) -> bool:
-        """Whether the vertical is known, from the accelerometer at the start."""
+        """True if the vertical is known, from the accelerometer at the start."""
         return self._up is not None
 
     @property
@@ -71,13 +71,13 @@ class Heading:
         return self.points[-1] if self.points else _NOTHING
 
     def restart(self, at_s: float) -> None:
-        """Start anew at host time at_s, s, such as the start of a rest; a repeat changes nothing."""
+        """Restart at host time at_s, s, such as the start of a rest; a repeat changes nothing."""
         if at_s != self._asked_s:
             self._asked_s = at_s
             self._anew()
 
     def add(self, pair: Pair) -> None:
-        """Integrate the rates of new samples, and add a point each second; uncorrected samples or a gap start anew.
+        """Integrate the rates of new samples, and add a point each second; an uncorrected sample or a gap restarts.
 
         A new listener receives the last seconds at once; of those the samples before `restart` do not count.
         """

@@ -89,7 +89,7 @@ class Hub:
         self.viewers.discard(viewer)
 
     def watch(self, viewer: Viewer, topics: Collection[str]) -> None:
-        """Set the topics that a viewer watches, replacing its earlier ones; for new topics it counts as a newcomer."""
+        """Set the topics that a viewer watches, replacing its earlier ones; new topics get their whole content first."""
         for topic in viewer.topics - set(topics):
             viewer.forget(topic)
             newcomers = self.newcomers.get(topic, set())
@@ -109,7 +109,7 @@ class Hub:
         return found
 
     def greet(self, topic: str, frames: Iterable[Frame]) -> None:
-        """Queue the frames of a topic's whole content for its newcomers, who then count as viewers like any other."""
+        """Queue the frames of a topic's whole content for its newcomers, who then count as ordinary viewers."""
         newcomers = self.newcomers.pop(topic, None)
         if newcomers:
             for frame in frames:

@@ -118,7 +118,7 @@ class _Bounded(H11Protocol):
 
 
 class Listener(uvicorn.Server):
-    """HTTP server for an ASGI application, with limits on connections, until told to stop.
+    """HTTP server for an ASGI application, with limits on connections, until `should_exit`.
 
     Signal handlers stay ours, since uvicorn's would end the process too early.
     """

@@ -57,7 +57,9 @@ def routes(settings: Dashboard) -> list[BaseRoute]:
         except failures as error:
             raise _failed(error) from error
         if (role := _role(there, claims)) is None:
-            log.warning("the provider knows %s, whose %s give no role", name, there.claim)
+            log.warning(
+                "%s logged in at the provider, but no role is configured for the person's %s", name, there.claim
+            )
             raise Fault(HTTPStatus.FORBIDDEN, "openid_refused")
         # A page, not a redirect: the browser sends a strict cookie only with a request that begins at this site.
         page = show(request, "onward.html", {"to": request.session.pop("to", "/"), "name": name})

@@ -18,7 +18,7 @@ def hashed(password: str) -> str:
     Raises ValueError if it has fewer than MIN_LENGTH characters.
     """
     if len(password) < MIN_LENGTH:
-        raise ValueError(f"a password of {len(password)} characters; {MIN_LENGTH} are the least")
+        raise ValueError(f"the password has {len(password)} characters: use at least {MIN_LENGTH}")
     return _HASHER.hash(password)
 
 
@@ -35,7 +35,7 @@ class Passwords:
         self._hashes = {person.name: person.password for person in people}
 
     def right(self, name: str, password: str) -> bool:
-        """Whether the password belongs to the person of this name; an unknown name takes as long to check."""
+        """Return whether the password belongs to the person of this name; an unknown name takes as long to check."""
         try:
             _HASHER.verify(self._hashes.get(name) or _nobody(), password)
         except (VerificationError, InvalidHashError):

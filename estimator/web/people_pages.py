@@ -1,6 +1,6 @@
 """Pages on which an administrator manages the ward's people, and a person chooses a password.
 
-The latter is opened by a one-time link.
+A one-time link opens the page for the password.
 """
 
 import logging

@@ -55,7 +55,7 @@ _ANY = ("0.0.0.0", "::")  # noqa: S104 - compared with, not bound
 class Server:
     """Web server of one ward's dashboard.
 
-    It serves before a router is found; `connect` attaches the router's sessions later.
+    The server runs before a router is found; `connect` attaches the router's sessions later.
     """
 
     def __init__(
@@ -93,7 +93,7 @@ class Server:
             listener = socket.create_server((host, port), family=family, backlog=128)
         except OSError as error:
             why = os_errors.why(error)
-            raise OSError(f"dashboard: cannot listen on {host}:{port}: {why}; --listen takes another") from error
+            raise OSError(f"dashboard: cannot listen on {host}:{port}: {why}; choose another with --listen") from error
         log.info(
             "the dashboard of ward %s is at %s",
             self.desk.known.ward,
@@ -154,7 +154,7 @@ def _settings(ward: Ward, people: WardFile[Ward] | None) -> Dashboard:
 
 
 def routers_of(ward: Ward) -> Routers:
-    """Return the routers and the dashboard's role there: commander, or viewer where nobody may command.
+    """Return the routers and the dashboard's role there: commander, or viewer if no person may give commands.
 
     A warning tells a viewer which messages its certificate does not permit.
     """
@@ -166,8 +166,8 @@ def routers_of(ward: Ward) -> Routers:
 
         if (member := member_of(routers.identity)).role is Role.VIEWER:
             log.warning(
-                "%s does not hear the devices' own readings: a device's page has no rates and no heading, and the guide does not"
-                " see the hand; with a commander's certificate they have (truerate pki issue commander:%s)",
+                "%s may not receive raw readings: a device's page shows no rates and no heading, and the guide cannot follow"
+                " the turns. Use a commander's certificate: truerate pki issue commander:%s",
                 member.label,
                 member.name,
             )

@@ -18,7 +18,7 @@ class Session:
 
     `csrf` is in each of the person's forms.
     role: what the person may do. elsewhere: an OpenID Connect provider let the person in.
-    said: message to show once: whether it is good news, of which device, and the text by language.
+    said: message to show once: whether it reports a success, the device's id, and the text by language.
     """
 
     name: str

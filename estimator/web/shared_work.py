@@ -21,7 +21,7 @@ PATIENCE_S = 1.0
 
 
 class SharedWork(Generic[T]):
-    """Computes answers one at a time on a thread of its own; an answer serves equal requests until it is keep_s seconds old."""
+    """Computes answers one at a time on a thread of its own; equal requests share an answer for keep_s seconds."""
 
     def __init__(self, keep_s: float) -> None:
         self._keep_s = keep_s

@@ -228,6 +228,6 @@ def _stale(row: DeviceRow, story: Story, now: float, t: Texts) -> str:
 
 
 def rebooted(story: Story) -> bool:
-    """Whether a device rebooted while the dashboard listened, and has not been calibrated since."""
+    """Return whether a device rebooted while the dashboard listened, and has not been calibrated since."""
     calibrated = story.status is not None and story.status.calibrated_time_ns
     return len(story.boots) > 1 and story.boot in story.boots and not calibrated

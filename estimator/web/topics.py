@@ -39,11 +39,17 @@ class Topic:
         self._streams: list[Stream[Any]] = []
 
     def whole(self, now: float, now_ns: int) -> Iterable[Frame]:  # noqa: ARG002 - for topics that need it
-        """Return the frames of the whole present content, which a new viewer needs first; by default none."""
+        """Return the frames of the whole present content, which a new viewer needs first; by default none.
+
+        now: monotonic s. now_ns: ns since the Unix epoch.
+        """
         return ()
 
     def frames(self, now: float, now_ns: int) -> Iterable[Frame]:
-        """Return the new frames for all viewers, called every period_s; by default the whole content."""
+        """Return the new frames for all viewers, called every period_s; by default the whole content.
+
+        now: monotonic s. now_ns: ns since the Unix epoch.
+        """
         return self.whole(now, now_ns)
 
     def close(self) -> None:

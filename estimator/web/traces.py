@@ -48,7 +48,8 @@ class Traces:
     def take(self, now: float, raw: list[SampleBatch], corrected: list[CorrectedBatch]) -> list[Pair]:
         """Pair the batches received by monotonic time `now` (s), in order of the readings.
 
-        A raw batch may match several corrected ones; without any after ALONE_S it is returned alone, corrected NaN.
+        A raw batch may match several corrected ones. A raw batch that has none after ALONE_S is returned with corrected
+        rates NaN.
         """
         self._raw += [(now, batch) for batch in raw]
         self._corrected += corrected

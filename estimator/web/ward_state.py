@@ -1,4 +1,4 @@
-"""Present state of a ward and its devices, collected from all messages heard: the one source of every page.
+"""Present state of a ward and its devices, collected from all received messages: the one source of every page.
 
 Pure: `now` is monotonic time in s.
 """
@@ -51,7 +51,9 @@ _CAUSES = {
 
 @dataclass(frozen=True, slots=True)
 class Boot:
-    """A boot of a device, seen or from the store. boot: its number; time_ns: when it was first heard of.
+    """A boot of a device, seen or from the store.
+
+    boot: its number; time_ns: host time, ns since the Unix epoch, of its first message.
 
     cause: a label, empty if unknown; what: model and firmware.
     """
@@ -109,7 +111,10 @@ class Story:
             self.trail.mark(Mark(note.time_ns, "note", f"{note.who}: {note.text}"))
 
     def hears(self, bridge: str) -> bool:
-        """Whether infos of this bridge count: the estimator takes the samples from this bridge, or from none yet."""
+        """Return whether infos of this bridge count.
+
+        The estimator takes the samples from this bridge, or from none yet.
+        """
         return self.status is None or not self.status.boot or self.status.bridge in {"", bridge}
 
     def take_boot(self, boot: Boot) -> None:
@@ -219,7 +224,7 @@ class Known:
     def take_info(self, info: DeviceInfo) -> None:
         """Process a bridge's info about a device.
 
-        If several bridges list the device, the bridge that the estimator hears counts.
+        If several bridges list the device, the bridge whose samples the estimator uses counts.
         """
         if not self._view.room(info.device, STRANGERS):
             self.left_out.add("devices")
@@ -238,7 +243,7 @@ class Known:
     def take_owned(self, owned: Owned, now: float) -> None:
         """Process an estimator's message about itself, received at monotonic time `now`, s.
 
-        Its first part has its alerts.
+        The first part of such a message has the estimator's alerts.
         """
         if not owned.part and (owned.estimator in self._estimators or len(self._estimators) < _NAMED):
             self._estimators[owned.estimator] = owned.alerts, now
@@ -246,7 +251,7 @@ class Known:
     def alerts(self, now: float) -> list[tuple[str, Placement | None, Alert]]:
         """Return (subject, placement or None, alert) for each standing alert of a device or an estimator.
 
-        Those not acknowledged come first, then the oldest.
+        Those not acknowledged come first, then the oldest. now: monotonic s.
         """
         statuses = [story.status for story in self.stories.values() if story.status is not None]
         found = [(one.device, one.placement, alert) for one in statuses for alert in one.alerts]
@@ -287,7 +292,10 @@ class Known:
         return rows if self.connected else sorted(map(self._unheard, rows), key=lambda row: row.order)
 
     def row(self, device: str, now: float) -> DeviceRow:
-        """Return the summary row of a known device; its state is unknown while no router is connected."""
+        """Return the summary row of a known device; its state is unknown while no router is connected.
+
+        now: monotonic s.
+        """
         row = self._view.row(device, now)
         return row if self.connected else self._unheard(row)
 
@@ -299,18 +307,21 @@ class Known:
         return replace(row, state=UNKNOWN, needs_person=True, reason=(Code.ROUTER_GONE(), *last))
 
     def deaf(self, device: str) -> bool:
-        """Whether a device cannot be heard by a fault of the ward: router, every estimator, or its bridge is gone."""
+        """Return whether a fault of the ward silences a device: the router, every estimator, or its bridge is gone."""
         info = self.stories[device].info
         estimators, bridges = self.alive["estimator"].copy(), self.alive["bridge"].copy()
         none = (self.looked or bool(estimators)) and not any(estimators.values())
         return not self.connected or none or (info is not None and bridges.get(info.bridge) is False)
 
     def broken(self, device: str, now: float) -> bool:
-        """Whether the ward cannot hear the device (`deaf`), or no estimator reports the device any more."""
+        """Return whether a fault of the ward silences the device (`deaf`), or no estimator reports the device any more.
+
+        now: monotonic s.
+        """
         return self.deaf(device) or self.row(device, now).state == SILENT
 
     def troubles(self) -> Sentences:
-        """Return the troubles of the ward itself; while no router is connected, only that."""
+        """Return the troubles of the ward itself, as sentences; while no router is connected, only that fault."""
         if not self.connected:
             return (Code.WARD_ROUTER_GONE(),)
         seen, left_out = self.glance(), self.left_out.as_dict().get("devices")

@@ -24,7 +24,10 @@ class WardTopic(topics.Topic):
     worded = True
 
     def whole(self, now: float, now_ns: int) -> Iterable[Frame]:
-        """Yield the present content of the ward page as one text frame."""
+        """Yield the present content of the ward page as one text frame.
+
+        now: monotonic s. now_ns: ns since the Unix epoch.
+        """
         yield topics.text(self._topic, ward_page(self._known, now, now_ns, self._t))
 
 
@@ -40,7 +43,8 @@ class RatesTopic(topics.Topic):
     def frames(self, now: float, now_ns: int) -> Iterable[Frame]:  # noqa: ARG002 - of a topic
         """Yield one binary frame with the rates since the last one.
 
-        float64 server time in s; float32 minimum and maximum of |rate| in °/s by device number, NaN when silent.
+        float64 server time in s; float32 minimum and maximum of |rate| in °/s by device number, NaN when silent. now,
+        now_ns: see Topic.
         """
         numbers = {name: story.number for name, story in self._known.stories.items()}
         for stream in self._streams:
@@ -74,7 +78,8 @@ class BiasTopic(topics.Topic):
     def whole(self, now: float, now_ns: int) -> Iterable[Frame]:  # noqa: ARG002 - of a topic
         """Yield one binary frame with the bias of all devices over the last 20 minutes at most.
 
-        float64 span in s; by device number float32 (SPARKS, 6): bias and std, x, y, z, °/s; NaN where unknown.
+        float64 span in s; by device number float32 (SPARKS, 6): bias and std, x, y, z, °/s; NaN where unknown. now,
+        now_ns: see Topic.
         """
         trails = [story.trail for story in self._known.stories.values()]
         first_ns = min((int(trail.times_ns[0]) for trail in trails if trail.times_ns.size), default=now_ns)

@@ -18,7 +18,7 @@ def test_devices_come_and_leave_and_the_others_notice_nothing(tmp_path: Path) ->
     assert [code for code, _ in outcome.said] == [0, 0, 0]
     said = "\n".join(words for _, words in outcome.said)
     for change in (f"+{ADDED}.", f"-going +{RENAMED}.", f"-{ADDED}."):
-        assert f"bridge bridge-1: Taken from the ward's file: bridge.devices {change}" in said
+        assert f"bridge bridge-1: Now in force from the ward's file: bridge.devices {change}" in said
     assert outcome.samples > 2000
     assert outcome.undisturbed, outcome
 
@@ -49,8 +49,8 @@ def test_a_ward_with_certificates_takes_a_change_and_refuses_a_fault(
         more = text.replace("[estimator]", '[[bridge.devices]]\nid = "more"\ndriver = "simulated"\n\n[estimator]')
         more += '\n[estimator.placements]\nstays = { wearer = "bed-3" }\n[alerts]\nquiet_hours = "22:00-06:00"\n'
         out = reloaded(more, 0)
-        assert "bridge bridge-1: Taken from the ward's file: bridge.devices +more." in out
-        said = "Taken from the ward's file: estimator.placements +stays; alerts.quiet_hours."
+        assert "bridge bridge-1: Now in force from the ward's file: bridge.devices +more." in out
+        said = "Now in force from the ward's file: estimator.placements +stays; alerts.quiet_hours."
         assert f"estimator estimator-1: {said}" in out
         assert f"dashboard desk: {said}" in out
         out = reloaded(more.replace("truerate.sqlite3", "other.sqlite3"), 1)

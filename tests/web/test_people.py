@@ -182,8 +182,8 @@ def test_commands_change_the_file_in_place(
     for words, password, said in (
         ("add joy", "long enough", "joy is there already"),
         ("add Joy", "long enough", "NAME 'Joy' is not valid"),
-        ("add ann", "short", "10 are the least"),
-        ("remove ann", "", "nobody is called 'ann'; there are: nurse, joy"),
+        ("add ann", "short", "use at least 10"),
+        ("remove ann", "", "unknown person 'ann'; known are: nurse, joy"),
     ):
         assert typed(monkeypatch, path, words, password) == 2
         assert said in capsys.readouterr().err

@@ -27,7 +27,8 @@ def table_of(
     """Make a Table from arrays in SI units whose names are in WANTED; options of `reading` replace their units.
 
     present: names of all arrays of the file, for the message. tick_s: seconds per count of its time column, 0 when
-    unknown. notes: sentences for the user, to which more are added. Raises RecordingError.
+    unknown. notes: sentences for the user, to which more are added. Raises RecordingError if an array is missing or has
+    a wrong shape.
     """
     arrays = dict(arrays)
     corrected = arrays.pop(_CORRECTED, None)

@@ -25,7 +25,7 @@ Row = dict[str, str]
 def read(path: Path, reading: Reading) -> Table:
     """Read one tracked point of a *_motion.tsv file as a Table; `reading.device` chooses among several.
 
-    Raises RecordingError.
+    Raises RecordingError if the files are incomplete, or several points match.
     """
     rows = _channels(path)
     points = dict[str, list[int]]()

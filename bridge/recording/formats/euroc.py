@@ -13,6 +13,9 @@ from bridge.recording.text import reader
 
 
 def read(path: Path, reading: Reading) -> Table:
-    """Read one IMU of a sequence's folder as a Table; `reading.device` chooses among several. Raises RecordingError."""
+    """Read one IMU of a sequence's folder as a Table; `reading.device` chooses among several.
+
+    Raises RecordingError if the folder has no readable IMU file, or several and no choice.
+    """
     imus = {one.parent.name: one for pattern in EUROC_IMUS for one in sorted(path.glob(pattern))}
     return reader.read(choose(path, imus, reading.device, "IMUs"), reading)

@@ -35,9 +35,10 @@ _OPAL = (
 
 
 def read(path: Path, reading: Reading) -> Table:
-    """Read truerate's own arrays, or one sensor of an Opal's file, as a Table. Raises RecordingError.
+    """Read truerate's own arrays, or one sensor of an Opal's file, as a Table.
 
-    `reading.device` chooses among several sensors, by label.
+    `reading.device`: label of the sensor to read. Raises RecordingError for a damaged file, an unknown layout, or
+    several sensors and no choice.
     """
     with h5py.File(path, "r") as file:
         if opals := _opals(file):

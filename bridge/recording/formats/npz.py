@@ -21,9 +21,9 @@ _BOOT = re.compile("[0-9a-f]{16}")
 
 
 def read(path: Path, reading: Reading) -> Table:
-    """Read the arrays of an .npz file, named in the module's docstring, as a Table.
+    """Read the arrays of an .npz file as a Table: gyro_rad_s, and if present accel_m_s2, temperature_c, t_s, rate_hz.
 
-    Raises RecordingError, without NumPy's advice to load unsafely.
+    Raises RecordingError for a damaged file or a missing array.
     """
     if not path.stat().st_size:
         raise RecordingError(f"{path}: the file is empty: save an array 'gyro_rad_s' of shape (n, 3) with numpy.savez")
@@ -41,7 +41,7 @@ def read(path: Path, reading: Reading) -> Table:
             " save arrays of floats with numpy.savez"
         ) from None
     if size > MAX_BYTES:
-        raise RecordingError(f"{path}: it unpacks to {size} bytes; at most {MAX_BYTES} are allowed")
+        raise RecordingError(f"{path}: the file unpacks to {size} bytes; at most {MAX_BYTES} are allowed")
     table = table_of(path, arrays, reading, present)
     table.device, table.boot = origin(device, boot)
     return table

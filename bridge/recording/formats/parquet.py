@@ -21,9 +21,10 @@ from bridge.recording.text import reader
 
 
 def read(path: Path, reading: Reading) -> Table:
-    """Read the columns of numbers and of times of a Parquet file as a Table. Raises RecordingError.
+    """Read the columns of numbers and of times of a Parquet file as a Table.
 
-    Columns are understood by their names, as those of a text table.
+    Columns are understood by their names, as those of a text table. Raises RecordingError for a damaged file, or
+    without the needed columns.
     """
     # A dataset reads only the columns named; ParquetFile reads also a text of the same name, or within one of that name.
     file = ds.dataset(path, format="parquet")
@@ -33,7 +34,7 @@ def read(path: Path, reading: Reading) -> Table:
         if pa.types.is_timestamp(one.type) or pa.types.is_integer(one.type) or pa.types.is_floating(one.type)
     ]
     if (size := file.count_rows() * len(wanted) * 8) > MAX_BYTES:
-        raise RecordingError(f"{path}: it unpacks to {size} bytes; at most {MAX_BYTES} are allowed")
+        raise RecordingError(f"{path}: the file unpacks to {size} bytes; at most {MAX_BYTES} are allowed")
     table = file.to_table(columns=wanted)
     names, columns = list[str](), list[NDArray[np.float64]]()
     for name, column in zip(table.column_names, table.columns, strict=True):

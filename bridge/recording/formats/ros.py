@@ -24,7 +24,7 @@ _MISSING = -1.0
 def read(path: Path, reading: Reading) -> Table:
     """Read the Imu messages of one topic of a bag as a Table; `reading.device` chooses the topic.
 
-    Raises RecordingError.
+    Raises RecordingError for a damaged bag, a bag without Imu messages, or several topics and no choice.
     """
     # Bags of old ROS 2 versions define no types; Imu has been the same in all of them.
     with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as bag:

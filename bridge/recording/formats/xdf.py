@@ -20,7 +20,10 @@ from bridge.recording.text.names import understood
 
 
 def read(path: Path, reading: Reading) -> Table:
-    """Read one stream of an XDF file as a Table; `reading.device` chooses among several. Raises RecordingError."""
+    """Read one stream of an XDF file as a Table; `reading.device` chooses among several.
+
+    Raises RecordingError for a damaged file, a file without a gyro stream, or several streams and no choice.
+    """
     packed = path.suffix.lower() != ".xdf"
     if packed:
         _check_unpacked(path)
@@ -50,7 +53,9 @@ def _check_unpacked(path: Path) -> None:
         while more := len(file.read(1 << 20)):
             size += more
             if size > MAX_BYTES:
-                raise RecordingError(f"{path}: it unpacks to more than {MAX_BYTES} bytes; that is not allowed")
+                raise RecordingError(
+                    f"{path}: the file unpacks to more than {MAX_BYTES} bytes, the most that is allowed"
+                )
 
 
 def _named(streams: list[Any]) -> dict[str, Any]:

@@ -24,7 +24,7 @@ _MOST_FAULTS = 10_000
 def read(path: Path, reading: Reading) -> Table:
     """Read the inertial messages of a data logger's file, each with the latest temperature, as a Table.
 
-    Raises RecordingError.
+    Raises RecordingError for a file without inertial messages.
     """
     lines, faults, celsius = Lines(LONGEST), Tally(), nan
     times_us, numbers = array("Q"), array("d")
@@ -44,7 +44,7 @@ def read(path: Path, reading: Reading) -> Table:
                 elif isinstance(message, Temperature):
                     celsius = message.celsius
             if faults.total() > len(times_us) + _MOST_FAULTS:
-                raise RecordingError(f"{path}: not a readable x-IMU3 file: most of its messages cannot be decoded")
+                raise RecordingError(f"{path}: most messages cannot be decoded: give a file of an x-IMU3's data logger")
     undecoded = ", ".join(f"{n} {label.replace('_', ' ')}" for label, n in faults.as_dict().items() if n)
     if not times_us:
         raise RecordingError(f"{path}: no inertial message of an x-IMU3 is in the file{undecoded and f': {undecoded}'}")

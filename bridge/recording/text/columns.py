@@ -69,9 +69,9 @@ def find(
 ) -> Columns:
     """Find the columns with rates, acceleration, time and so on, by their names and the user's options.
 
-    Raises RecordingError.
     path: the file, for tools known by its name and for errors. cells: the first row of numbers, as texts.
     only_accel: look for an accelerometer alone. tag: the rows' tag of a sensor, if they have one.
+    Raises RecordingError if the columns of the rates are missing or ambiguous.
     """
     sensor = f"{path.name} {tag}".lower()
     names = [understood(name) for name in layout.names]

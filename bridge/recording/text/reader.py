@@ -53,7 +53,7 @@ def read_columns(
     """Make a table in SI units from numbers (n, c) and the names of their columns.
 
     Names are understood as those of a text table. rate_hz: as the file states it, else 0. sensor: words that tell which
-    sensor columns named x, y, z belong to. Raises RecordingError.
+    sensor columns named x, y, z belong to. Raises RecordingError if the columns of the rates are missing or ambiguous.
     """
     layout = Layout(None, ".", names, len(names), 0, rate_hz)
     columns = find(path, layout, reading, ["0"] * len(names), tag=sensor)
@@ -64,8 +64,8 @@ def read_columns(
 def join_accel(path: Path, table: Table, reading: Reading) -> None:
     """Add the accelerometer of the text file `reading.accel_file` to the table, in place.
 
-    Without that option, nothing is added.
-    If both files have times, it is interpolated at those of the rates. Raises RecordingError.
+    Without that option, nothing is added. If both files have times, the acceleration is interpolated at those of the
+    rates. Raises RecordingError if the file has no accelerometer or does not fit the table.
     """
     if reading.accel_file is not None:
         other = Path(reading.accel_file)

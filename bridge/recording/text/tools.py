@@ -96,5 +96,8 @@ def known() -> dict[str, Tool]:
 
 
 def tool(name: str) -> Tool:
-    """Load a shipped tool by its name, or a tool from a user's .toml file by its path. Raises ConfigError."""
+    """Load a shipped tool by its name, or a tool from a user's .toml file by its path.
+
+    Raises ConfigError for an unknown name and an invalid file.
+    """
     return load(file_of(name, "tool with columns", _FOLDERS), Tool)

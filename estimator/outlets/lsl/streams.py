@@ -40,7 +40,7 @@ def _vector(label: str, unit: str, kind: str) -> list[Channel]:
 def channels_of(kind: str, info: DeviceInfo) -> list[Channel]:
     """Return the channels of a stream of this kind (rates, orientation, quality or raw).
 
-    Those of raw depend on the sensors.
+    The channels of `raw` depend on the device's sensors.
     """
     if kind == "rates":
         return _vector("gyro", "rad/s", "AngularVelocity")

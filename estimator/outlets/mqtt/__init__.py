@@ -22,7 +22,7 @@ EXAMPLE = "mqtts://ward@broker.example:8883?ca=ca.pem"
 
 
 def add_arguments(verb: argparse.ArgumentParser) -> None:
-    """Add the arguments of `truerate outlet mqtt`."""
+    """Add the options of `truerate outlet mqtt`."""
     verb.add_argument(
         "broker",
         metavar="URL",

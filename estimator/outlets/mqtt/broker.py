@@ -40,7 +40,7 @@ class Address(NamedTuple):
 
 
 def address_of(text: str, example: str) -> Address:
-    """Parse a broker's URL, such as mqtts://USER@HOST:PORT?ca=FILE. Raises ConfigError.
+    """Parse a broker's URL, such as mqtts://USER@HOST:PORT?ca=FILE. Raises ConfigError if it is invalid.
 
     example: a URL that errors show.
     """
@@ -122,7 +122,7 @@ class Broker:
         self._client.loop_stop()
 
     def came_back(self) -> bool:
-        """Whether the connection was made again since the last call; the broker may then have lost what it kept."""
+        """Return whether the client reconnected since the last call; the broker may then have lost retained messages."""
         back, self._back = self._back, False
         return back
 

@@ -15,7 +15,7 @@ _WINDOWS_HZ = 10
 
 
 class Decimation:
-    """Averages the windows of each device (means of rates over 0.1 s) to `hz` JSON messages a second."""
+    """Averages the windows of each device (mean rates over 0.1 s, rad/s) to `hz` JSON messages a second."""
 
     def __init__(self, hz: int) -> None:
         self._most = _WINDOWS_HZ // hz

@@ -34,7 +34,7 @@ class _Publisher:
 
     @property
     def wanted(self) -> bool:
-        """Whether a subscriber exists now."""
+        """True if a subscriber exists now."""
         return self._publisher.wanted
 
     def put(self, payload: bytes) -> None:

@@ -199,7 +199,7 @@ class Calibrations(Struct, frozen=True):
 
 
 class Words(Struct, frozen=True, forbid_unknown_fields=True):
-    """Text sent with a command, one line: the reason, the text of a note, or the kind of the alert to acknowledge."""
+    """Body of a command, one line of text: the reason, the text of a note, or the kind of the alert to acknowledge."""
 
     words: Annotated[str, Meta(max_length=500)] = ""
 

@@ -190,7 +190,9 @@ async def _body(request: Request, kind: type[T]) -> T:
     told = request.headers.get("content-type", "").partition(";")[0].strip().lower()
     if told != _JSON:
         raise Fault(
-            HTTPStatus.UNSUPPORTED_MEDIA_TYPE, "not_json", f"{told[:40] or 'Nothing'} is not taken; {_JSON} is."
+            HTTPStatus.UNSUPPORTED_MEDIA_TYPE,
+            "not_json",
+            f"Content-Type {told[:40] or '(none)'} is not supported: send {_JSON}.",
         )
     try:
         return msgspec.json.decode(body.decode(), type=kind)

@@ -82,7 +82,7 @@ class Cursor:
 
     @property
     def behind(self) -> bool:
-        """Whether there are kept batches that this reader has not read."""
+        """True if there are kept batches that this reader has not read."""
         return self._position < self._kept.end
 
     def read(self, most: int) -> list[CorrectedBatch | Missed]:

@@ -37,7 +37,7 @@ class Samples(Struct, frozen=True, tag="samples", tag_field="type"):
 class MissedSamples(Struct, frozen=True, tag="missed", tag_field="type"):
     """Samples that did not come: `count` of them from number `first` on.
 
-    null: all up to the end of that boot, nobody knows how many.
+    null: all up to the end of that boot, an unknown number.
     """
 
     device: str
@@ -47,7 +47,7 @@ class MissedSamples(Struct, frozen=True, tag="missed", tag_field="type"):
 
 
 class Answer(Struct, frozen=True):
-    """Answer to a request: documents in order, possibly none, and where to go on.
+    """Answer to a request: documents in order, possibly none, and the place to resume from.
 
     `after` is for the next request: give each of its texts as a parameter `after`.
     """

@@ -60,7 +60,7 @@ class Feed:
 
 
 class Reader:
-    """One program that reads the stream, with a cursor in each of its feeds."""
+    """One program that reads the stream of corrected rates, with a cursor (position) in each of its feeds."""
 
     def __init__(self, feeds: dict[str, Feed], asked: Asked, address: str, turn: asyncio.Lock) -> None:
         self.address, self.news, self._turn = address, asyncio.Event(), turn

@@ -27,7 +27,7 @@ FORMATS = ("json", "protobuf")
 class Asked:
     """Checked parameters of a request: devices (none: all), places to resume from, rate of means, format, wait in s.
 
-    after: None begins now, empty with all that is kept. hz: means a second, None for every sample.
+    after: None begins with the next sample, empty with all kept samples. hz: means a second, None for every sample.
     """
 
     devices: tuple[str, ...]

@@ -33,7 +33,10 @@ def routes() -> list[BaseRoute]:
 
 
 async def poll(request: Request) -> Response:
-    """Answer the next samples as JSON, at the latest after ?wait_s= seconds, possibly none. Raises Fault."""
+    """Answer the next samples as JSON, at the latest after ?wait_s= seconds, possibly none.
+
+    Raises Fault for an invalid parameter, too many readers, or no router.
+    """
     asked = _asked(request, "wait_s")
     with _reader(request, asked) as reader:
         await reader.begin()
@@ -45,7 +48,7 @@ async def poll(request: Request) -> Response:
 async def stream(socket: WebSocket) -> None:
     """Send corrected samples by WebSocket until the program disconnects.
 
-    A refused one is closed with code 4000 + HTTP status, and the reason in words.
+    A refused connection is closed with code 4000 + HTTP status, and the reason in words.
     """
     await socket.accept()
     try:

@@ -88,7 +88,7 @@ def test_a_newer_device_cannot_be_kept_from_calibrating_itself_and_that_is_said(
 def test_a_device_that_does_not_answer_is_read_all_the_same_and_that_is_said() -> None:
     bench = Wire(WitDevice(deaf=True), WitMotionDecoder(options())).run(5)
     assert len(bench.notices) == 1
-    assert "does not say" in bench.notices[0]
+    assert "does not report" in bench.notices[0]
     assert (bench.identities[0].rate_hz, bench.identities[0].has_clock) == (10.0, False)
     assert len(rates(bench.events)) > 20
 

@@ -146,7 +146,7 @@ def test_a_certificate_without_its_issuer_s_is_said(pki: Path, capsys: pytest.Ca
     path, end = pki / "bridge.b1.pem", "-----END CERTIFICATE-----\n"
     path.write_text(path.read_text().partition(end)[0] + end)
     assert run(pki, "router", "router:r", "--ward", "w", "--listen", "tls/127.0.0.1:1") == 2
-    assert f"{path} holds one certificate" in capsys.readouterr().err
+    assert f"{path} holds only one certificate" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

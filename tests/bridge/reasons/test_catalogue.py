@@ -46,10 +46,10 @@ def test_the_wire_document_lists_each_code() -> None:
 
 def test_sentences_are_said_one_after_the_other() -> None:
     reason = (Code.TURN_TAKEN(axis="x"), Code.TURNS_NEEDED(axes="y, z"))
-    assert english(*reason) == "The turn about x was taken. Turns still needed: y, z."
+    assert english(*reason) == "The turn about x was accepted. Turns still needed: y, z."
     assert catalogue("zh").text(reason) == "绕 x 轴的转动已记录。还需要的转动：y, z。"
     assert sentences_as_json(reason)[0] == {
-        "code": "turn_taken", "params": {"axis": "x"}, "text": "The turn about x was taken.",
+        "code": "turn_taken", "params": {"axis": "x"}, "text": "The turn about x was accepted.",
     }  # fmt: skip
 
 

@@ -93,7 +93,7 @@ def test_an_archive_that_unpacks_to_too_much_is_refused_unread(tmp_path: Path) -
             member.write(bytes(1 << 24))
         member.write(b"\0")
     assert path.stat().st_size < 1 << 20
-    assert f"it unpacks to {MAX_BYTES + 1} bytes" in refusal(path)
+    assert f"the file unpacks to {MAX_BYTES + 1} bytes" in refusal(path)
 
 
 def test_nobody_is_advised_to_load_unsafely(tmp_path: Path) -> None:

@@ -64,7 +64,7 @@ def test_a_swing_to_another_pose_is_no_turn(seed: int) -> None:
 def test_clipped_samples_are_named() -> None:
     of = calibration(TurnPlan(1, duration_s=4.0))
     middle = of.at(1.5 + 3.2 + 2.0)
-    assert "too fast for the gyro's range, for 3 samples" in ignored(of, clipped=slice(middle, middle + 3))[0]
+    assert "too fast for the gyro's range in 3 samples" in ignored(of, clipped=slice(middle, middle + 3))[0]
     assert ignored(of, clipped=slice(10, 20)) == [], "clipped, but not in the turn"
 
 

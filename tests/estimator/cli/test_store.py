@@ -152,7 +152,7 @@ def test_a_backup_of_an_empty_store_is_no_success(tmp_path: Path, capsys: pytest
     store.database.back_up_if_due()
     assert not list((tmp_path / "backups").iterdir()), "nor does the estimator make one"
     assert main(["store", "backup", str(tmp_path / "copy"), "--store", store.path]) == 1
-    assert "has no entries, so there is nothing to back up: is it the right store?" in capsys.readouterr().err
+    assert "has no entries, so there is nothing to back up: check the path of the store" in capsys.readouterr().err
     assert not (tmp_path / "copy").exists()
     fill(store)
     store.database.back_up_if_due()

@@ -30,7 +30,7 @@ def test_a_disk_that_fills_up_and_is_emptied_again(tmp_path: Path, caplog: pytes
                 store.add_boot(info(7), 7)
         assert store.database.trouble
         assert loaded(store) == kept, "it can still be read"
-    assert caplog.text.count("goes on from memory") == 1
+    assert caplog.text.count("continues from memory") == 1
     store.add_boot(info(7), 7)
     assert store.database.trouble == ""
     assert caplog.text.count("works again") == 1

@@ -103,7 +103,7 @@ def without(name: str) -> Callable[[Json], object]:
         (put(parameters=[*KNOWN.parameters, "m_xx"]), "m_xx"),
         (put(covariance=[[1.0]]), "6 × 6"),
         (put(covariance=np.zeros((6, 6)).tolist()), "not above 0"),
-        (put(covariance=np.diag([5e-324] + [1e-6] * 5).tolist()), "sure to 2.22e-162; no calibration is sure to 1e-09"),
+        (put(covariance=np.diag([5e-324] + [1e-6] * 5).tolist()), "the standard deviation 2.22e-162; at least 1e-09"),
         (swapped, "not symmetric"),
         (impossible, "eigenvalue below 0"),
         (put(temperature_c=5000), "temperature_c"),

@@ -86,7 +86,7 @@ def test_the_file_is_read_again_when_it_changes_and_kept_when_it_is_broken(
         found = admit(gate, [sent("b1", name) for name in ("chest", "hip", "ankle", "wrist")], 1.0)
         assert [device for _, device in found] == let_in
         assert "ankle" not in gate.strangers or n == 2
-    assert caplog.text.count("what was enrolled before stays so") == 1
+    assert caplog.text.count("the earlier list stays in force") == 1
     file.unlink()
     gate.look(2.0)
     assert admit(gate, [sent("b1", "wrist")], 2.0), "a file that is gone for a moment throws nobody out"

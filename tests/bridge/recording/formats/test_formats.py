@@ -232,4 +232,4 @@ def test_a_file_of_lines_that_are_no_messages_is_given_up(tmp_path: Path) -> Non
     path.write_bytes(b"\n" * 1000 + path.read_bytes() + b"a\n" * 9_000)
     assert "9000 message unknown" in right(path)
     path.write_bytes(path.read_bytes() + b"a\n" * 9_000_000)
-    assert "most of its messages cannot be decoded" in refusal(path)
+    assert "most messages cannot be decoded" in refusal(path)

@@ -110,7 +110,7 @@ def test_a_state_of_another_device_or_calibration_or_none_is_refused() -> None:
     with pytest.raises(ValueError, match="expected 'other'"):
         DeviceSession.restored(bytes_, used, "other")
     for another in (None, replace(used, id="another")):
-        with pytest.raises(ValueError, match="goes with calibration"):
+        with pytest.raises(ValueError, match="belongs to calibration"):
             DeviceSession.restored(bytes_, another, NAME)
     with pytest.raises(ValueError, match="damaged state"):
         DeviceSession.restored(b"", used, NAME)

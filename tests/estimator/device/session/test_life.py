@@ -60,7 +60,7 @@ def test_the_words_say_what_is_missing() -> None:
     device = DeviceSession(NAME)
     outcome = feed(device, of.batches())
     assert state(device) is State.TURNING
-    assert any("turn about y was taken. Turns still needed: x, z." in words for words in outcome.said)
+    assert any("turn about y was accepted. Turns still needed: x, z." in words for words in outcome.said)
     assert Code.TURNS_NEEDED in codes(device.life.reason)
     assert device.status(1).axes_done == (1,)
 
