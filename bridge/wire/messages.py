@@ -161,7 +161,7 @@ class Placement:
 
     False if nobody wears the device.
     segment: of SEGMENTS. side: of SIDES. wearer: a bed or a pseudonym.
-    since_ns: ns since the Unix epoch; 0 for the ward file's. who: the person who said so.
+    since_ns: ns since the Unix epoch. who: the person who said so.
     """
 
     segment: str = ""

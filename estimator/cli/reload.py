@@ -20,7 +20,7 @@ from estimator.client import Client
 from estimator.config.schema import Ward
 
 RELOAD = """Programs look at their ward file once a second. A valid change takes effect without a restart: devices, models,
-enrolled devices, placements, alerts, people, limits of the recorder.
+enrolled devices, alerts, people, limits of the recorder.
 Boots and calibrations of other devices go on. An invalid file is refused
 as a whole (exit code 2), and the earlier settings stay in force. This command checks the file, waits for the programs, and
 shows what each has taken; exit code 1 if a program has not taken every change.

@@ -41,14 +41,13 @@ def said(sentences: Sentences) -> list[Said]:
 class Worn(Struct, frozen=True):
     """Placement of a device: body segment, side, wearer, who set it and since when.
 
-    `since` is an ISO 8601 time, null if the ward file sets the placement. Empty segment and
-    wearer: nobody wears the device.
+    `since` is an ISO 8601 time. Empty segment and wearer: nobody wears the device.
     """
 
     segment: str
     side: str
     wearer: str
-    since: str | None
+    since: str
     who: str
 
 
@@ -309,7 +308,7 @@ def _accelerometer(one: AccelerometerCalibration | None) -> Accelerometer | None
 def _worn(one: Placement | None) -> Worn | None:
     if one is None:
         return None
-    return Worn(one.segment, one.side, one.wearer, iso(one.since_ns) if one.since_ns else None, one.who)
+    return Worn(one.segment, one.side, one.wearer, iso(one.since_ns), one.who)
 
 
 def calibrations(name: str, story: Story, found: Sequence[Calibration], limit: int) -> Calibrations:
