@@ -12,7 +12,6 @@ from bridge.bus.access_self_test import self_test
 from bridge.bus.routers import Routers
 from bridge.bus.zenoh_bus import ZenohBus
 from bridge.cli.parser import Verbs, add_verb
-from bridge.config import capture_files
 from bridge.config.schema import ConfigError, load
 from bridge.config.ward_file import digest_of
 from bridge.diagnose import machine, port_access
@@ -87,8 +86,6 @@ def look(path: Path | None) -> Iterable[Finding]:
     yield _loops()
     yield from said
     if ward is not None:
-        for words in capture_files.unreadable(ward.bridge.devices if ward.bridge is not None else ()):
-            yield trouble("files", words, "correct the path in the ward file, or copy the file there")
         places = _places(ward)
         yield from machine.disk(places)
         if "recordings" in places:
