@@ -1,6 +1,5 @@
 """Who wears a device: said by a person, kept over restarts and takeovers, told in every status, with its history."""
 
-import sqlite3
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -15,12 +14,9 @@ from bridge.wire.placement import placement
 from bridge.wire.refusal import Refusal
 from estimator.config.alerts import Alerts
 from estimator.config.schema import Ward as WardTables
-from estimator.database import SCHEMA_VERSION, Backups, schema
 from estimator.service import history
 from estimator.service.run_loop import Service
 from estimator.service.serve import LIVE
-from estimator.service.store import Store
-from estimator.service.store_reader import StoreReader
 from tests.estimator import memory_ward
 from tests.estimator.memory_ward import WARD, Ward
 from tests.estimator.stream import NAME, Stream, info
@@ -107,28 +103,3 @@ def test_only_a_placement_that_lasts_can_be_ended(ward: Ward, once: Stream) -> N
     again = ward.command(lambda: ward.client.place(NAME, "anna", Placement()))
     assert (reply.accepted, codes(reply.message)) == (True, [Code.NOBODY_WEARS])
     assert (again.accepted, codes(again.message)) == (False, [Code.NO_PLACEMENT])
-
-
-def test_a_store_of_the_last_version_is_backed_up_and_upgraded(tmp_path: Path) -> None:
-    path = tmp_path / "a.sqlite3"
-    with sqlite3.connect(path) as db:
-        db.executescript(
-            f"{schema.STEPS[4]} PRAGMA application_id = {schema.APPLICATION_ID}; PRAGMA user_version = 4;"
-            "INSERT INTO audit VALUES (1, 5, 'one', 'note', 'r', 'anna', 'sat up', 1, '[]');"
-        )
-    db.close()
-    before = StoreReader.reading(path)
-    assert before.placements("one") == []
-    before.close()
-    store = Store(path)
-    store.add_placement("one", replace(ARM, since_ns=7, who="anna"))
-    assert store.answer("one", "note", "r") == (True, ())
-    assert [one.wearer for one in store.placements("one")] == ["bed-3"]
-    store.close()
-    with sqlite3.connect(path) as db:
-        assert db.execute("PRAGMA user_version").fetchone() == (SCHEMA_VERSION,)
-    db.close()
-    (backup,) = Backups.of(path).newest_first()
-    with sqlite3.connect(backup) as db:
-        assert db.execute("PRAGMA user_version").fetchone() == (4,)
-    db.close()
