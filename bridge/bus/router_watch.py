@@ -1,10 +1,14 @@
 """Router watch: logs the loss and the return of the router, and why the router may be away."""
 
 import logging
+import socket
 from collections.abc import Iterable
 
 from bridge.bus.routers import Routers
+from bridge.runtime import os_errors
 
+_WAIT_S = 1.0
+_OVER_TCP = ("tcp", "tls", "ws")
 #: a router away for this long, s, is not just restarting
 _LONG_S = 10.0
 #: interval of the check whether the certificate expires soon, s
@@ -47,3 +51,26 @@ class RouterWatch:
     def _warn(self, said: Iterable[str]) -> None:
         for words in said:
             self._log.warning("%s", words)
+
+
+def why_unreachable(endpoint: str) -> str:
+    """Test a router endpoint (`tcp/10.0.0.1:7447`) by a TCP connection; return in words why it is unreachable.
+
+    Waits 1 s at most. Empty if a TCP connection opens (the router then refuses zenoh's), or if the protocol does not
+    run over TCP.
+    """
+    protocol, _, address = endpoint.partition("/")
+    host, _, port = address.partition("#")[0].partition("?")[0].rpartition(":")
+    if protocol not in _OVER_TCP or not port.isdecimal():
+        return ""
+    try:
+        socket.create_connection((host.removeprefix("[").removesuffix("]"), int(port)), _WAIT_S).close()
+    except socket.gaierror:
+        return f"the name {host} is unknown"
+    except ConnectionRefusedError:
+        return "no program listens there"
+    except TimeoutError:
+        return "the machine does not answer"
+    except OSError as error:
+        return os_errors.why(error)
+    return ""

@@ -15,7 +15,7 @@ from bridge.bus.contract import BusError, Reply
 from bridge.bus.gap_repair import GapRepair
 from bridge.bus.key_expressions import check_key, check_pattern, check_patterns
 from bridge.bus.publisher_cache import HISTORY
-from bridge.bus.reachability import why_unreachable
+from bridge.bus.router_watch import why_unreachable
 from bridge.bus.routers import Routers
 from bridge.bus.zenoh_publisher import Publisher
 from bridge.bus.zenoh_session import (

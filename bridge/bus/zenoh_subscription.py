@@ -136,9 +136,8 @@ class Subscription(MessageQueue, Declared):
     def _hand_on(self, ready: Callable[[], Sequence[Message]]) -> None:
         with self._order:
             self.put(ready(), past=True)
-            for key, count in self._sequences.missed.items():
-                self.add_missed(count, key)
-            self._sequences.missed.clear()
+            self.add_missed(self._sequences.missed)
+            self._sequences.missed = 0
 
 
 def by_source(samples: Iterable[zenoh.Sample]) -> Found:

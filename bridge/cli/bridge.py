@@ -11,7 +11,7 @@ from bridge.bus.contract import Bus
 from bridge.bus.router_watch import RouterWatch
 from bridge.bus.routers import Routers
 from bridge.bus.startup import claim_id, wait_for_router
-from bridge.cli import profiles, scan
+from bridge.cli import scan
 from bridge.cli.parser import Verbs, add_group, add_guarded
 from bridge.cli.reading_options import add_reading, reading_of
 from bridge.cli.ward_options import add_ward, ward_of
@@ -29,8 +29,9 @@ from bridge.runtime.signals import stopped_by_signal
 from bridge.terminal.console import plain_console
 from bridge.terminal.plurals import count
 from bridge.terminal.tables import Column, Columns
+from bridge.text.profile import load_profile, shipped
 
-_DONE, _NOT_USED = 0, 1
+_DONE = 0
 _LOOK_S = 0.2
 #: a changed file is read after the estimator has read it, so that a new device begins with its model
 _SETTLED_S = 1.0
@@ -59,10 +60,7 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     example = "truerate bridge replay walk.npz --device wrist-01; truerate bridge replay ward-3-20260801T101500Z.mcap --speed 10"
     _add_replay(add_guarded(inner, "replay", _replay, does, example))
     does = "list the profiles of devices that print text lines"
-    add_guarded(inner, "profiles", profiles.profiles, does, "truerate bridge profiles")
-    does = "show what a profile reads from a captured file; exit code 1 if it finds no sample"
-    example = "truerate bridge try nano-33-ble capture.txt --seconds 60"
-    profiles.add_try(add_guarded(inner, "try", profiles.try_profile, does, example))
+    add_guarded(inner, "profiles", _profiles, does, "truerate bridge profiles")
 
 
 def _add_replay(verb: argparse.ArgumentParser) -> None:
@@ -169,13 +167,6 @@ def _serve(ward: str, bridge: Bridge, connect: Routers, file: WardFile[Root] | N
                 watched.look(time.monotonic(), connected=bus.connected)
                 if file and (new := file.look(time.monotonic())) and new.bridge:
                     running.change(new.bridge.devices)
-            if running.over and running.refused:
-                names = ", ".join(sorted(running.refused))
-                _log.error(
-                    "the estimator used no sample that was played as %s: play the recording as another device, with --device ID",
-                    names,
-                )
-                return _NOT_USED
     return _DONE
 
 
@@ -184,6 +175,14 @@ def _health(bridge: Bridge, running: Pump, bus: Bus, routers: Routers) -> Abstra
         return nullcontext()
     vitals = BridgeHealth(lambda: running.infos, lambda: running.turned_s, lambda: bus.connected, routers)
     return HealthServer(listening(bridge.health), vitals.asked)
+
+
+def _profiles(_: argparse.Namespace) -> int:
+    known = Columns([Column("profile", least=16), Column("device", least=20)], headings=False)
+    for name in shipped():
+        known.add(name, load_profile(name).summary)
+    plain_console().print(known)
+    return _DONE
 
 
 def _list(args: argparse.Namespace) -> int:

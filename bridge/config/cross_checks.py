@@ -57,7 +57,7 @@ def unused(wards: Mapping[Path, Root]) -> Iterator[str]:
             if other.ward == root.ward and other.bridge
             for one in other.bridge.devices
         }
-        there = set(root.devices.read()) if root.devices is not None else listed
+        there = set(root.devices.places) if root.devices is not None else listed
         models: Mapping[str, str] = root.estimator.models if root.estimator is not None and there else {}
         for device in sorted(models.keys() - there):
             close = get_close_matches(device, there, n=1)
@@ -116,7 +116,7 @@ def _otherwise(wards: Mapping[Path, Root]) -> Iterator[str]:
         if (table := root.estimator) is None:
             continue
         here = {f"[estimator] {knob}": getattr(table, knob) for knob in _ALIKE}
-        here["[devices]"] = root.devices.read() if root.devices is not None else None
+        here["[devices]"] = root.devices.places if root.devices is not None else None
         before, there = first.setdefault(root.ward, (path, here))
         yield from (
             f"{path}: {what} differs from {before}: make them equal, because estimators of one ward take over each other's"

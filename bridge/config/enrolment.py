@@ -1,11 +1,9 @@
-"""Enrolled devices of a ward: the [devices] table, and an optional separate file that may change at any time."""
+"""Enrolled devices of a ward: the table [devices] of the ward file."""
 
 from collections.abc import Iterable
 
 from msgspec import Struct
 
-from bridge.runtime import os_errors
-from bridge.runtime.regular_file import content
 from bridge.wire.keys import check_id
 from bridge.wire.refusal import Refusal
 
@@ -14,37 +12,17 @@ class Enrolment(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """The devices to accept. Without this table, every device is accepted."""
 
     #: device ids: `wrist-01` by any bridge, `bridge-1/wrist-01` by that bridge only
-    enrolled: tuple[str, ...] = ()
-    #: file with more device ids, one per line, `#` begins a comment; read again when it changes
-    file: str = ""
+    enrolled: tuple[str, ...]
 
     def __post_init__(self) -> None:
-        if not self.enrolled and not self.file:
-            raise ValueError(
-                'give enrolled = ["wrist-01", …] or a file of ids, or remove [devices] to accept every device'
-            )
+        if not self.enrolled:
+            raise ValueError('give enrolled = ["wrist-01", …], or remove [devices] to accept every device')
         places(self.enrolled)
-        if self.file:
-            self.read()
 
-    def read(self) -> dict[str, str]:
-        """Return the enrolled devices of the table and its file.
-
-        The result has bridge ids by device id; "" if any bridge may send the device.
-        The file is read again at each call. Raises ValueError for an unreadable or invalid file.
-        """
-        if not self.file:
-            return places(self.enrolled)
-        try:
-            text = content(self.file).decode("utf-8-sig")
-            lines = (line.partition("#")[0].strip() for line in text.splitlines())
-            return places((*self.enrolled, *filter(None, lines)))
-        except UnicodeDecodeError:
-            raise ValueError(f"file {self.file!r} is not UTF-8 text: save it as UTF-8 in your editor") from None
-        except (OSError, ValueError) as error:
-            raise ValueError(
-                f"file {self.file!r}: {os_errors.why(error) if isinstance(error, OSError) else error}"
-            ) from None
+    @property
+    def places(self) -> dict[str, str]:
+        """Bridge ids by device id; "" if any bridge may send the device."""
+        return places(self.enrolled)
 
 
 def places(entries: Iterable[str]) -> dict[str, str]:

@@ -1,6 +1,5 @@
 """Decodes a capture of a device's bytes, or a text log, into the columns of a recording."""
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -8,15 +7,20 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from bridge.drivers.byte_stream import Decoder
-from bridge.drivers.driver import Event, Identity, Readings
+from bridge.drivers.driver import Event, Identity, Notice, Readings
+from bridge.reasons.catalogue import english
 from bridge.recording.error import MAX_BYTES, RecordingError, check_file
 from bridge.recording.formats.streams import choose_boot
 from bridge.recording.reading import Reading
 from bridge.recording.recording import Floats, Recording
 from bridge.recording.table import Table, recording_of
+from bridge.text.line_parser import Refused
+from bridge.text.profile import Profile, load_profile
 from bridge.toml.loader import ConfigError, nearest
 
 _CHUNK, _SETTLING = 4096, 1 << 16
+#: characters shown of a refused line
+_SHOWN = 60
 #: a decoder that does not know yet whether its device has a clock, or its rate, gets the beginning repeatedly
 _NS_A_BYTE, _ROUNDS, _SETTLED_NS = 100_000, 8, 1_000_000_000_000
 
@@ -30,33 +34,47 @@ def load_capture(path: Path, driver: str, profile: str, reading: Reading) -> Rec
     check_file(path)
     if path.stat().st_size > MAX_BYTES:
         raise RecordingError(f"{path}: the file has {path.stat().st_size} bytes; at most {MAX_BYTES} are allowed")
-    make = _decoder(path, driver, profile, reading)
     data = path.read_bytes()
-    events, faults = _decoded(make(), data)
-    if not profile and not any(isinstance(event, Identity) and event.has_clock for event in events):
-        decoder = make()
-        _settle(decoder, data[:_SETTLING])
-        events, faults = _decoded(decoder, data)
+    if profile:
+        known = load_profile(profile)
+        if known.time is None and reading.rate_hz is None:
+            reading = replace(reading, rate_hz=known.device.rate_hz or None)
+        events, faults = _of_lines(known, data, reading)
+    else:
+        events, faults = _of_driver(path, driver, data)
     return _recording(path, driver or profile, events, faults, reading)
 
 
-def _decoder(path: Path, driver: str, profile: str, reading: Reading) -> Callable[[], Decoder]:
-    from bridge.drivers import registry  # noqa: PLC0415 - a driver's package may be slow to import
-    from bridge.drivers.text_profile import TextDecoder  # noqa: PLC0415
-    from bridge.text.profile import load_profile  # noqa: PLC0415
+def _of_lines(profile: Profile, data: bytes, reading: Reading) -> tuple[list[Event], list[str]]:
+    """Decode lines of text; events, and a text for each kind of refused line, with the first one."""
+    from bridge.drivers.text_profile import TextDecoder  # noqa: PLC0415 - a driver's package may be slow to import
 
-    if profile:
-        known = load_profile(profile)
-        return lambda: TextDecoder(known, reading.rate_hz or 0.0, captured=True)
+    first = dict[str, str]()
+
+    def keep(refused: Refused, text: str) -> None:
+        first.setdefault(refused.fault, f"{text[:_SHOWN]!r}: {refused.detail}")
+
+    events, faults = _decoded(TextDecoder(profile, reading.rate_hz or 0.0, refused=keep, captured=True), data)
+    return events, [f"{count} ({first[fault]})" if fault in first else count for fault, count in faults.items()]
+
+
+def _of_driver(path: Path, driver: str, data: bytes) -> tuple[list[Event], list[str]]:
+    """Decode bytes by a driver; events, and a text for each kind of undecoded data."""
+    from bridge.drivers import registry  # noqa: PLC0415 - as above
+
     able = {name: kind.decoder for name, kind in registry.kinds().items() if kind.decoder is not None}
     if driver not in able:
         raise ConfigError(f"{path}: --driver {driver!r} cannot decode a file; {nearest(driver, able)}")
-    of_driver = able[driver]
-    return lambda: of_driver(None)
+    events, faults = _decoded(able[driver](None), data)
+    if not any(isinstance(event, Identity) and event.has_clock for event in events):
+        decoder = able[driver](None)
+        _settle(decoder, data[:_SETTLING])
+        events, faults = _decoded(decoder, data)
+    return events, list(faults.values())
 
 
-def _decoded(decoder: Decoder, data: bytes) -> tuple[list[Event], list[str]]:
-    """Decode all bytes; events, and a text for each kind of undecoded data."""
+def _decoded(decoder: Decoder, data: bytes) -> tuple[list[Event], dict[str, str]]:
+    """Decode all bytes; events, and a text for each kind of undecoded data, by its label."""
     before = decoder.faults.as_dict()
     decoder.opened()
     events: list[Event] = []
@@ -64,7 +82,7 @@ def _decoded(decoder: Decoder, data: bytes) -> tuple[list[Event], list[str]]:
         events += decoder.feed(data[at : at + _CHUNK], _SETTLED_NS + at * _NS_A_BYTE)
     events += decoder.finish()
     new = {label: n - before.get(label, 0) for label, n in decoder.faults.as_dict().items()}
-    return events, [f"{n} {label.replace('_', ' ')}" for label, n in new.items() if n]
+    return events, {label: f"{n} {label.replace('_', ' ')}" for label, n in new.items() if n}
 
 
 def _settle(decoder: Decoder, start: bytes) -> None:
@@ -89,7 +107,9 @@ def _recording(path: Path, by: str, events: list[Event], faults: list[str], read
         )
     sizes = [sum(len(part.ticks) for part in parts) for parts in boots.values()]
     boot = list(boots)[choose_boot(path, sizes, reading.boot, "the device")]
-    return recording_of(path, _table(path, identities[boot], boots[boot], faults, reading), replace(reading, boot=None))
+    table = _table(path, identities[boot], boots[boot], faults, reading)
+    table.notes += [english(event.said) for event in events if isinstance(event, Notice) and event.said]
+    return recording_of(path, table, replace(reading, boot=None))
 
 
 def _table(path: Path, who: Identity, parts: list[Readings], faults: list[str], reading: Reading) -> Table:
@@ -105,7 +125,9 @@ def _table(path: Path, who: Identity, parts: list[Readings], faults: list[str], 
     if who.has_clock:
         columns["t_s"] = (ticks - ticks[0]) * who.tick_period_s
     elif reading.rate_hz is None:
-        raise RecordingError(f"{path}: the bytes carry no time: give the device's output data rate with --rate-hz")
+        raise RecordingError(
+            f"{path}: its {len(ticks)} samples carry no time: give the device's output data rate with --rate-hz"
+        )
     else:
         columns["counter"] = ticks
     return Table(columns, model=who.model, notes=notes, tick_s=who.tick_period_s)

@@ -235,7 +235,7 @@ class TextOptions(StreamOptions, frozen=True, forbid_unknown_fields=True, kw_onl
         if profile.time is None and not (profile.device.rate_hz or self.rate_hz):
             raise ValueError(
                 f"rate_hz is missing: devices of profile {self.profile!r} send no time. Give the samples per second; "
-                f"`truerate bridge try {self.profile} FILE --seconds S` measures it from a captured file"
+                "`truerate bridge scan` measures it"
             )
         if not self.baud:
             msgspec.structs.force_setattr(self, "baud", profile.baud)

@@ -95,9 +95,7 @@ def events(recorded: Recorded) -> list[Event]:
     ]
     notes = [Event(n.time_ns, n.device, n.boot, f"note by {n.who}", n.text) for n in recorded.notes]
     worn = [
-        Event(
-            max(one.since_ns, int(s.time_ns[0])), s.device, s.boot, f"placement by {one.who or 'ward file'}", str(one)
-        )
+        Event(max(one.since_ns, int(s.time_ns[0])), s.device, s.boot, f"placement by {one.who}", str(one))
         for stretches in recorded.stretches.values()
         for s in stretches
         for one in s.placements

@@ -237,10 +237,8 @@ class WardRecorder:
         settings = self._settings
         if not settings.keep_days and not settings.keep_gb:
             return
-        size = self._file.writer.size if self._file else 0
-        for one, why in self._place.expired(
-            size, wall_ns, settings.keep_days * 86_400 or inf, settings.keep_gb * 1e9 or inf
-        ):
+        most_s, most_bytes = settings.keep_days * 86_400 or inf, settings.keep_gb * 1e9 or inf
+        for one, why in self._place.expired(self.size - self.account.closed_bytes, wall_ns, most_s, most_bytes):
             lost = "" if self._copied(one.path) else ", before it was copied to the bucket"
             try:
                 one.path.unlink()
@@ -266,8 +264,7 @@ class WardRecorder:
         account.trouble = self.said(error)
         # A size limit or a removed file need not stop the next file.
         removed = isinstance(error, FileNotFoundError)
-        again = removed or error.errno == errno.EFBIG
-        at_once = again and file is not None and file.writer.messages
+        at_once = (removed or error.errno == errno.EFBIG) and file is not None and file.writer.messages
         self._retry_s = now_s if at_once else now_s + RETRY_S
         words = ""
         if file is not None:

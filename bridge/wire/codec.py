@@ -18,22 +18,24 @@ from bridge.wire.batches import (
 )
 from bridge.wire.cluster_messages import MAX_HOLDINGS, decode_checkpoint, decode_owned, encode_checkpoint, encode_owned
 from bridge.wire.control_messages import (
+    MAX_POINTS,
     decode_calibration,
     decode_command,
     decode_info,
     decode_note,
     decode_reply,
+    decode_revision,
     decode_status,
     encode_calibration,
     encode_command,
     encode_info,
     encode_note,
     encode_reply,
+    encode_revision,
     encode_status,
 )
 from bridge.wire.envelope import MAX_PAYLOAD
 from bridge.wire.orientation import decode_orientation, encode_orientation
-from bridge.wire.revisions import MAX_POINTS, decode_revision, encode_revision
 from bridge.wire.windows import MAX_WINDOWS, decode_windows, encode_windows
 
 __all__ = [

@@ -21,7 +21,7 @@ import numpy as np
 from estimator.calibration import accelerometer_errors, result, variance_components
 from estimator.calibration.accelerometer_errors import AccelKnobs, G
 from estimator.calibration.capture import Floats, Movement, Rest, Samples
-from estimator.calibration.movement_bias import biases
+from estimator.calibration.movements import biases
 from estimator.calibration.turn_path import Path, integrate
 from estimator.geometry import rotation
 from estimator.geometry.gyro_model import AXES, reading_std

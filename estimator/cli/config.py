@@ -8,7 +8,7 @@ from pathlib import Path
 from bridge.bus import router_check
 from bridge.bus.contract import BusError
 from bridge.cli.parser import Verbs, add_verb
-from bridge.config import capture_files, cross_checks
+from bridge.config import cross_checks
 from bridge.config.schema import ConfigError, load
 from bridge.terminal.plurals import count
 
@@ -48,9 +48,6 @@ def _config_check(given: argparse.Namespace) -> None:
             wards[file] = ward = load(file, Ward)
             if ward.dashboard.people_file:
                 load(ward.dashboard.people_file, Ward)
-            wrong += [
-                f"{file}: {words}" for words in capture_files.unreadable(ward.bridge.devices if ward.bridge else ())
-            ]
             if ward.estimator is not None and not (folder := Path(ward.estimator.store).absolute().parent).is_dir():
                 absent.append(
                     f"{file}: [estimator]: store is {ward.estimator.store!r}: there is no folder {folder} on this machine; the"

@@ -9,10 +9,6 @@ from bridge.terminal.console import plain_console
 from bridge.wire.keys import check_id
 from estimator.cli.ward_options import listening, ward_of
 
-_ONLY = (
-    "show devices in this state (degraded, awaiting-still …) or with this id (* and ? are wildcards); may be repeated"
-)
-
 
 def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     """Add the verbs `devices`, `status` and `watch` to the command line."""
@@ -27,7 +23,6 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
         verbs, "watch", _watch, "show a ward live, devices that need a person first, or one device's rates and bias"
     )
     verb.add_argument("device", nargs="?", help="device id as in `truerate devices` (default: the whole ward)")
-    verb.add_argument("--only", action="append", default=[], metavar="STATE|ID", help=_ONLY)
     verb.add_argument("--once", action="store_true", help="print the present state once and end")
     verb.add_argument("--json", action="store_true", help="print one JSON object a second; with --once a single one")
     verb.add_argument("--seconds", type=float, default=None, help="stop after this time (default: at Ctrl-C)")
@@ -54,13 +49,13 @@ def _watch(given: argparse.Namespace) -> int:
     ward, endpoints = ward_of(given)
     if given.seconds is not None and not given.seconds > 0:
         raise ConfigError(f"--seconds is {given.seconds:g}: give a number above 0")
-    if given.device is not None and not (given.only or given.once or given.json):
+    if given.device is not None and not (given.once or given.json):
         from estimator.terminal.watch_device import watch  # noqa: PLC0415
 
         return watch(plain_console(), ward, endpoints, check_id(given.device, "device"), given.seconds)
     from estimator.client import Client  # noqa: PLC0415
     from estimator.terminal.watch_ward import watch_ward  # noqa: PLC0415
 
-    only = [*given.only, *([check_id(given.device, "device")] if given.device is not None else [])]
+    only = "" if given.device is None else check_id(given.device, "device")
     with Client(endpoints, ward=ward) as client:
         return watch_ward(plain_console(), client, only, once=given.once, as_json=given.json, seconds=given.seconds)

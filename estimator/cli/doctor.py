@@ -12,21 +12,19 @@ from bridge.bus.access_self_test import self_test
 from bridge.bus.routers import Routers
 from bridge.bus.zenoh_bus import ZenohBus
 from bridge.cli.parser import Verbs, add_verb
-from bridge.config import capture_files
 from bridge.config.schema import ConfigError, load
 from bridge.config.ward_file import digest_of
 from bridge.diagnose import machine, port_access
 from bridge.diagnose.finding import Finding, Level, ok, trouble, warning
 from bridge.diagnose.router import answers, certificate, page_certificate, renewal, router
 from bridge.diagnose.serial_ports import find
-from bridge.ingest import duplicate_bridges
 from bridge.reasons.catalogue import english
 from bridge.terminal.console import plain_console
 from estimator.cli import reload
 from estimator.client import Client
 from estimator.config.schema import Ward
 from estimator.kernels.compiled import cache_folder
-from estimator.service import overload
+from estimator.service import duplicate_bridges, overload
 
 _MARKS = {Level.OK: ("✓", "green"), Level.WARNING: ("!", "yellow"), Level.TROUBLE: ("✗", "red")}
 _FINE, _TROUBLE = 0, 1
@@ -89,8 +87,6 @@ def look(path: Path | None) -> Iterable[Finding]:
     yield _loops()
     yield from said
     if ward is not None:
-        for words in capture_files.unreadable(ward.bridge.devices if ward.bridge is not None else ()):
-            yield trouble("files", words, "correct the path in the ward file, or copy the file there")
         places = _places(ward)
         yield from machine.disk(places)
         if "recordings" in places:

@@ -70,7 +70,6 @@ def _list(given: argparse.Namespace) -> int:
     else:
         shown = Columns([Column("device", least=20), Column("worn", least=20), Column("since"), Column("by", spare=1)])
         for name, one in found.items():
-            since = when(one.since_ns) if one and one.since_ns else "ward file" if one else ""
-            shown.add(name, str(one) if one else "", since, one.who if one else "")
+            shown.add(name, str(one) if one else "", when(one.since_ns) if one else "", one.who if one else "")
         plain_console().print(shown, highlight=False)
     return 0 if found else 1

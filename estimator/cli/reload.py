@@ -20,9 +20,9 @@ from estimator.client import Client
 from estimator.config.schema import Ward
 
 RELOAD = """Programs look at their ward file once a second. A valid change takes effect without a restart: devices, models,
-enrolled devices, placements, alerts, people, limits of the recorder. Unchanged devices keep their boots and calibrations. An
-invalid file is refused as a whole (exit code 2), and the earlier settings stay in force. This command checks the file, waits
-for the programs, and shows the settings that each uses; exit code 1 if a program does not use every change.
+enrolled devices, alerts, people, limits of the recorder. Unchanged devices keep their boots and calibrations. An invalid
+file is refused as a whole (exit code 2), and the earlier settings stay in force. This command checks the file, waits for the
+programs, and shows the settings that each uses; exit code 1 if a program does not use every change.
 
 example:
   truerate reload --config configs/ward.toml"""

@@ -7,37 +7,10 @@ from msgspec import Struct
 
 from bridge.config import schema
 from bridge.toml.loader import ConfigError, nearest
-from bridge.wire.messages import Placement
-from bridge.wire.placement import placement
-from bridge.wire.refusal import Refusal
 from estimator.calibration.method_names import BY_HAND, DEFAULT
 from estimator.config.alerts import Alerts
 from estimator.config.dashboard import Dashboard
 from estimator.noise.device_model import load_model
-
-
-class Worn(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Where a device is worn until a person sets another placement; each key may be left out."""
-
-    #: head, torso, pelvis, humerus, radius, hand, femur, tibia or calcn, as in OpenSim
-    segment: str = ""
-    #: `left` or `right`, of an arm, a leg or a part of one
-    side: str = ""
-    #: a bed or a pseudonym, at most 32 characters; never a patient's name
-    wearer: str = ""
-
-    def __post_init__(self) -> None:
-        try:
-            checked = self.placement
-        except Refusal as refusal:
-            raise ValueError(refusal.detail) from None
-        if not checked:
-            raise ValueError("a placement needs a segment or a wearer")
-
-    @property
-    def placement(self) -> Placement:
-        """Placement in force until a person sets another, as a typed value."""
-        return placement(self.segment, self.side, self.wearer)
 
 
 class Estimator(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -55,8 +28,6 @@ class Estimator(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     model: str = ""
     #: models of devices that differ, by device id: `{ chest = "lsm9ds1" }`
     models: dict[str, str] = {}
-    #: where devices are worn, by device id: `{ chest = { segment = "torso", wearer = "bed-3" } }`
-    placements: dict[str, Worn] = {}
     #: require turns about horizontal axes, so that an accelerometer can check each angle
     horizontal_turns: bool = False
     #: correct by the scale and misalignment that gravity teaches while a device is worn, as soon as they are surer than what
@@ -88,8 +59,6 @@ class Estimator(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
                     load_model(model)
             except ConfigError as error:
                 raise ValueError(str(error)) from None
-        for device in self.placements:
-            schema.check(device, "a device in placements")
         if not 0 <= self.warming_s <= 3600:
             raise ValueError(f"warming_s is {self.warming_s:g}; allowed: 0 to 3600")
         if not 0.2 <= self.silence_s <= 600:

@@ -4,9 +4,9 @@ Public class: `Database`.
 """
 
 from estimator.database.backups import Backups, back_up, restore, set_asides
+from estimator.database.connections import Inspection, inspect
 from estimator.database.database import Database, Row
 from estimator.database.errors import Damaged, StoreError, Unavailable
-from estimator.database.inspection import Inspection, inspect
 from estimator.database.owner import owned
 from estimator.database.schema import APPLICATION_ID, SCHEMA_VERSION
 

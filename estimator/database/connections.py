@@ -1,14 +1,16 @@
-"""Opens SQLite connections to a store, one to write and any number to read, and checks the store before."""
+"""Opens SQLite connections to a store, one to write and any number to read, and checks a store."""
 
 import logging
 import sqlite3
 import threading
 from collections.abc import Callable
+from contextlib import closing
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from estimator.database.errors import ADVICE, FAULTS, Damaged, StoreError, translated
 from estimator.database.owner import check_regular
-from estimator.database.schema import APPLICATION_ID, check
+from estimator.database.schema import APPLICATION_ID, check, rows_of
 
 log = logging.getLogger(__name__)
 
@@ -90,3 +92,33 @@ def _is_ours(path: Path) -> bool:
     with path.open("rb") as file:
         head = file.read(_APPLICATION.stop)
     return _MAGIC.startswith(head[: len(_MAGIC)]) or head[_APPLICATION] == APPLICATION_ID.to_bytes(4, "big")
+
+
+@dataclass(frozen=True, slots=True)
+class Inspection:
+    """Result of checking a store's file.
+
+    fault: why the file is not sound; empty if it is. rows: number of rows by table of a sound store.
+    """
+
+    path: str
+    fault: str = ""
+    rows: dict[str, int] = field(default_factory=dict)
+
+    @property
+    def sound(self) -> bool:
+        """Whether the store's content is as it was written."""
+        return not self.fault
+
+
+def inspect(path: Path) -> Inspection:
+    """Check a store, in use or not; returns the fault or the number of rows of each table.
+
+    Raises StoreError if the file does not exist, is not a store or cannot be read; damage is returned as a fault.
+    """
+    try:
+        db = checked(path)
+    except Damaged as damage:
+        return Inspection(str(path), str(damage))
+    with closing(db):
+        return Inspection(str(path), rows=rows_of(db))

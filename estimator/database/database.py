@@ -13,7 +13,7 @@ from estimator.database.backups import Backups, make_sound, rescue
 from estimator.database.connections import Connect, checked, to_read, to_write
 from estimator.database.errors import FAULTS, Damaged, Empty, StoreError, Unavailable, translated
 from estimator.database.owner import check_free, hold
-from estimator.database.schema import SCHEMA_VERSION, create, upgrade, version_of
+from estimator.database.schema import create
 
 log = logging.getLogger(__name__)
 
@@ -250,23 +250,12 @@ class Database:
                     self._lock = hold(path)
                 self._reader = to_read(path)
             writer = to_write(path, self._connect)
-            if (version := version_of(writer)) != SCHEMA_VERSION:
-                self._upgrade(writer, version)
             before, self._reader = self._reader, to_read(path)  # opened again, to be in step with the writer
             before.close()
             self._file = _identity(path)
         except FAULTS as error:
             raise translated(self.path, error) from error
         return writer
-
-    def _upgrade(self, writer: sqlite3.Connection, version: int) -> None:
-        """Bring an earlier version's store to ours; a backup for the earlier truerate is made first, if possible."""
-        try:
-            kept = f"a backup of the old one is {self._backups.make()}"
-        except StoreError as error:
-            kept = f"no backup of the old one is made: {error}"
-        upgrade(writer)
-        log.warning("store %s had schema %d and now has %d; %s", self.path, version, SCHEMA_VERSION, kept)
 
     @contextmanager
     def _telling(self) -> Iterator[None]:

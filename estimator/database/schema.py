@@ -12,10 +12,11 @@ from functools import cache
 from estimator.database.errors import Damaged, StoreError
 
 APPLICATION_ID = 0x74725254  # "trRT", in the file's header
-#: versions 1 to 3 were never released
+#: versions 1 to 4 were never released
 SCHEMA_VERSION = 5
 
-_SCHEMA_4 = """
+#: a store has exactly these words, and a changed comment is a change, too
+_SCHEMA = """
 CREATE TABLE calibrations ( -- schema 4
     number INTEGER PRIMARY KEY, id TEXT NOT NULL UNIQUE, device TEXT NOT NULL, boot TEXT NOT NULL, time_ns INTEGER NOT NULL,
     method TEXT NOT NULL, verdict TEXT NOT NULL, reason TEXT NOT NULL, who TEXT NOT NULL, version TEXT NOT NULL,
@@ -49,8 +50,6 @@ CREATE TABLE audit (
 CREATE INDEX audit_all ON audit (device, request_id, verb, time_ns, who, reason, accepted, message);
 CREATE TABLE epochs (number INTEGER PRIMARY KEY, epoch INTEGER NOT NULL) STRICT;
 CREATE INDEX epochs_all ON epochs (epoch);
-"""
-_SCHEMA_5 = """
 CREATE TABLE placements ( -- schema 5
     number INTEGER PRIMARY KEY, device TEXT NOT NULL, time_ns INTEGER NOT NULL, segment TEXT NOT NULL, side TEXT NOT NULL,
     wearer TEXT NOT NULL, who TEXT NOT NULL
@@ -63,43 +62,30 @@ CREATE TABLE alerts (
 ) STRICT;
 CREATE INDEX alerts_all ON alerts (device, cleared, number, kind, since_ns, raised_ns, acknowledged_ns, who, time_ns);
 """
-#: what each version adds to the one before it
-STEPS = {4: _SCHEMA_4, 5: _SCHEMA_5}
-
 #: tables with entries of devices
 ENTRIES = ("calibrations", "boots", "bias", "bias_history", "audit", "placements", "alerts")
 
 
 def create(db: sqlite3.Connection) -> None:
-    """Create the tables of the present schema in an empty database, in one transaction."""
-    _write(db, SCHEMA_VERSION)
-
-
-def version_of(db: sqlite3.Connection) -> int:
-    """Return the schema version of a store that `check` found sound, by its tables."""
-    found = _described(db)
-    return next(version for version in STEPS if found == _expected(version))
-
-
-def upgrade(db: sqlite3.Connection) -> None:
-    """Add the tables of newer schema versions to a store that `check` found sound, in one transaction."""
-    _write(db, SCHEMA_VERSION, since=version_of(db))
+    """Create the tables in an empty database, in one transaction."""
+    marks = f"PRAGMA application_id = {APPLICATION_ID}; PRAGMA user_version = {SCHEMA_VERSION};"
+    db.executescript(f"BEGIN IMMEDIATE; {_SCHEMA} {marks} COMMIT;")
 
 
 def check(db: sqlite3.Connection, path: object) -> None:
-    """Check a store's schema and content; an earlier schema version is sound, too.
+    """Check a store's schema and content.
 
-    path: the file, for messages. Raises StoreError if it is not a store of a known schema, Damaged if its content is
+    path: the file, for messages. Raises StoreError if it is not a store of this schema, Damaged if its content is
     not what was written.
     """
     version, application = (_pragma(db, name) for name in ("user_version", "application_id"))
     found = _described(db)
     if not found:
         raise Damaged(path, "there are no tables in it")
-    if not any(found == _expected(version) for version in STEPS):
+    if found != _expected():
         if application != APPLICATION_ID:
             raise StoreError(f"store {path} is another program's SQLite file: give the store a path of its own")
-        if version not in STEPS:
+        if version != SCHEMA_VERSION:
             raise StoreError(
                 f"store {path} has schema {version}, this truerate reads schema {SCHEMA_VERSION}: use the truerate that"
                 f" wrote it, or give the store another path"
@@ -111,10 +97,8 @@ def check(db: sqlite3.Connection, path: object) -> None:
 
 
 def rows_of(db: sqlite3.Connection) -> dict[str, int]:
-    """Return the number of rows by table, for the tables with entries of devices that this store has."""
-    there = {name for kind, name, _ in _described(db) if kind == "table"}
-    tables = [table for table in ENTRIES if table in there]
-    return {table: int(db.execute(f"SELECT count(*) FROM {table}").fetchone()[0]) for table in tables}  # noqa: S608 - our own words
+    """Return the number of rows by table, for the tables with entries of devices."""
+    return {table: int(db.execute(f"SELECT count(*) FROM {table}").fetchone()[0]) for table in ENTRIES}  # noqa: S608 - our own words
 
 
 def _pragma(db: sqlite3.Connection, name: str) -> int:
@@ -126,14 +110,8 @@ def _described(db: sqlite3.Connection) -> set[tuple[str, str, str]]:
     return {(kind, name, str(sql)) for kind, name, sql in db.execute("SELECT type, name, sql FROM sqlite_schema")}
 
 
-def _write(db: sqlite3.Connection, version: int, since: int = 0) -> None:
-    steps = " ".join(sql for number, sql in STEPS.items() if since < number <= version)
-    marks = f"PRAGMA application_id = {APPLICATION_ID}; PRAGMA user_version = {version};"
-    db.executescript(f"BEGIN IMMEDIATE; {steps} {marks} COMMIT;")
-
-
 @cache
-def _expected(version: int) -> set[tuple[str, str, str]]:
+def _expected() -> set[tuple[str, str, str]]:
     with closing(sqlite3.connect(":memory:")) as db:
-        _write(db, version)
+        create(db)
         return _described(db)

@@ -1,4 +1,4 @@
-"""Angle random walk, bias instability and rate random walk fitted to an Allan variance, each with a 95 % interval.
+"""Overlapping Allan variance, and the three noise coefficients fitted to it, each with a 95 % interval.
 
 With angle random walk N, bias instability B and rate random walk K, and a steady drift R where these do not suffice,
 
@@ -9,16 +9,16 @@ non-negative squares. An interval is a profile likelihood: it ends where the lik
 coefficients, has fallen by the 95 % quantile.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from math import log, pi, sqrt
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import brentq, nnls
 from scipy.stats import chi2
 
-from estimator.noise.allan import Floats, degrees_of_freedom, interval, octaves, overlapping
-
+Floats = NDArray[np.float64]
 #: divisor of the degrees of freedom. The octaves of an overlapping estimate share data: their degrees of freedom add up
 #: to twice the number of samples, and the errors of neighbours are correlated. With this divisor simulated intervals
 #: have their nominal coverage (tests/consistency).
@@ -27,6 +27,44 @@ _FALL: float = float(chi2.ppf(0.95, 1))  # drop of twice the log-likelihood
 _LEAST_OCTAVES = 6
 #: least share of white noise in the two shortest octaves where no filter shapes the noise
 _WHITE = 0.75
+
+
+def octaves(n: int) -> list[int]:
+    """Averaging factors 1, 2, 4 … (numbers of samples) up to a third of n samples."""
+    return [1 << k for k in range(max(n // 3, 1).bit_length())]
+
+
+def overlapping(rate: Floats, factors: Sequence[int]) -> Floats:
+    """Overlapping Allan variance (m, …), in the unit of the rate squared, of evenly sampled rates (n, …).
+
+    factors (m,): averaging times in samples, at most n / 2. Source: NIST SP 1065, eq. 11.
+    """
+    angle = np.cumsum(rate - rate.mean(axis=0), axis=0)
+    angle = np.concatenate([np.zeros_like(angle[:1]), angle])
+    second = (angle[2 * m :] - 2 * angle[m:-m] + angle[: -2 * m] for m in factors)
+    return np.array([np.mean(d**2, axis=0) / (2 * m**2) for m, d in zip(factors, second, strict=True)])
+
+
+def degrees_of_freedom(n: int, factors: Sequence[int]) -> Floats:
+    """Equivalent degrees of freedom (m, 3) of the Allan variance of n samples, for three kinds of rate noise.
+
+    Columns: white, flicker and random-walk rate noise. factors (m,): averaging factors.
+    Source: NIST SP 1065, table 5: W FM, F FM and RW FM.
+    """
+    m, N = np.array(factors, dtype=float), n + 1.0
+    white = (3 * (N - 1) / (2 * m) - 2 * (N - 2) / N) * 4 * m**2 / (4 * m**2 + 5)
+    flicker = np.where(m == 1, 2 * (N - 2) ** 2 / (2.3 * N - 4.9), 5 * N**2 / (4 * m * (N + 3 * m)))
+    walk = (N - 2) / m * ((N - 1) ** 2 - 3 * m * (N - 1) + 4 * m**2) / (N - 3) ** 2
+    return np.column_stack([white, flicker, walk])
+
+
+def interval(variance: Floats, freedom: Floats) -> tuple[Floats, Floats]:
+    """Lower and upper end of the 95 % confidence interval of estimated variances, (m,) each.
+
+    variance (m,): the estimates. freedom (m,): their degrees of freedom.
+    Source: NIST SP 1065, eq. 45.
+    """
+    return variance * freedom / chi2.ppf(0.975, freedom), variance * freedom / chi2.ppf(0.025, freedom)
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,21 +1,16 @@
 """Calibrates from a recording and corrects a recording, with the same recognition, methods and session as live."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
-from itertools import pairwise
 from math import isclose
 
 import numpy as np
-from numpy.typing import NDArray
 
-from bridge.ingest.plausibility import PLAUSIBLE
-from bridge.ingest.sensor_faults import SensorFaults
 from bridge.reasons.catalogue import english
-from bridge.recording import TICK_S, Recording, RecordingError, Told
+from bridge.recording import Recording, RecordingError
 from bridge.terminal.plurals import count
 from bridge.wire import keys
-from bridge.wire.messages import BootCause, Calibration, CorrectedBatch, DeviceInfo, SampleBatch, SampleFlag, Verdict
-from bridge.wire.refusal import Tally
+from bridge.wire.messages import Calibration, CorrectedBatch, SampleBatch, Verdict
 from estimator.calibration.capture import Samples
 from estimator.calibration.clipping import at_range
 from estimator.calibration.method_names import DEFAULT
@@ -34,13 +29,13 @@ from estimator.device.worn_calibration import METHOD as WORN
 from estimator.offline import smoothing
 from estimator.offline.calibration_file import of_result
 from estimator.offline.corrected_recording import CorrectedRecording, Rows
+from estimator.offline.recorded_batches import BOOT, batches, flags_of, info_of
 from estimator.samples.sample_buffer import UNFIT
 from estimator.stillness.detector import Stillness, Windows
 from estimator.tracking.seconds import Seconds
 
 #: length of the batches given to a session; a rest and its surroundings must fit into the session's memory
 BATCH_S = 1.0
-_BOOT = 1
 #: logged when the first rest counts from the recording's start; live, a device just switched on would have to warm up
 _ON_BEFORE = (
     "taken to have been on before it was recorded: live, of a device just switched on, the first {:g} s would not "
@@ -67,7 +62,7 @@ def calibrate(
     knobs: settings of the device's kind; the default assumes nothing. The calibration method in `knobs` is ignored.
     """
     knobs = knobs or SessionKnobs()
-    samples = Samples(recording.time_s, recording.gyro, recording.accel, _flags(recording, gyro_range) & UNFIT != 0)
+    samples = Samples(recording.time_s, recording.gyro, recording.accel, flags_of(recording, gyro_range) & UNFIT != 0)
     windows = Stillness(knobs.prior.noise_std).feed(samples.time, samples.gyro, samples.accel, samples.clipped)
     result, passed_over = _calibrated(samples, windows, method, gyro_range, rates, knobs)
     poses = RestingPoses()
@@ -152,7 +147,7 @@ def correct(
 
     def passed(known: Calibration | None, said: str = "", knobs: SessionKnobs = knobs) -> _Pass:
         pass_ = _Pass(recording, knobs, known, said, gyro_range=gyro_range, smooth=smooth, other_boot=other_boot)
-        for samples in _batches(recording, gyro_range, size):
+        for samples in batches(recording, gyro_range, size):
             pass_.take(samples)
             if progress is not None:
                 progress(pass_.rows.filled, len(recording))
@@ -199,7 +194,7 @@ class _Pass:
         self.rows = Rows(len(recording))
         self._recording = recording
         self._session = DeviceSession("recorded", knobs)
-        self._session.info = _info(recording)
+        self._session.info = info_of(recording)
         self._smooth = smooth
         self._said: list[str] = [own] if own else []
         #: matrix and name of each calibration, by id
@@ -219,10 +214,10 @@ class _Pass:
             ):
                 self._said.append(f"{why}: its scale is taken as another boot's, its bias is not used")
                 other_boot = True
-            remembered = PriorKnowledge(replace(known, boot=_BOOT + other_boot), None)
+            remembered = PriorKnowledge(replace(known, boot=BOOT + other_boot), None)
             self._known[known.id] = known.matrix, known.id
         self._session.orient()
-        self._session.begin_boot(_BOOT, float(recording.device_time[0]), remembered)
+        self._session.begin_boot(BOOT, float(recording.device_time[0]), remembered)
 
     def take(self, samples: SampleBatch) -> None:
         self._note(self._session.handle(samples))
@@ -313,69 +308,3 @@ def _foreign(known: Calibration, recording: Recording, gyro_range: float) -> str
     if known.rate_hz and not same_rate(recording.rate_hz, known.rate_hz):
         return f"calibration {known.id} was made at {known.rate_hz:.5g} Hz, {recording.name} has {recording.rate_hz:.5g} Hz"
     return None
-
-
-def _batches(recording: Recording, gyro_range: float, size: int) -> Iterator[SampleBatch]:
-    """Yield batches as a bridge publishes them: consecutive samples, at most `size`, faulty ones flagged."""
-    _check_range(recording, gyro_range)
-    told = recording.told or Told(recording.ticks, TICK_S, recording.sequence, _flags(recording, gyro_range))
-    sequence, ticks, flags = told.sequence, told.ticks, told.flags.copy()
-    holes = np.flatnonzero(np.diff(sequence) != 1) + 1
-    after_hole = set(holes.tolist())
-    edges = np.unique(np.concatenate([np.arange(0, len(recording), size), holes, [len(recording)]])).tolist()
-    for start, end in pairwise(edges):
-        if start in after_hole:
-            flags[start] |= np.uint32(SampleFlag.AFTER_GAP)
-        accel, warm = recording.accel, recording.temperature_c
-        yield SampleBatch(
-            device="recorded",
-            boot=_BOOT,
-            sequence=int(sequence[start]),
-            receive_time_ns=0,
-            start_time_ns=0,
-            tick_period_s=told.tick_period_s,
-            clock_rate=1.0,
-            ticks=ticks[start:end],
-            gyro=recording.gyro[start:end].astype(np.float32),
-            accel=None if accel is None else accel[start:end].astype(np.float32),
-            temperature_c=None if warm is None else warm[start:end].astype(np.float32),
-            flags=flags[start:end],
-        )
-
-
-def _check_range(recording: Recording, gyro_range: float) -> None:
-    """Refuse readings far beyond the range: live they are dropped, but here every sample needs a row."""
-    limit = PLAUSIBLE * gyro_range if gyro_range else np.inf
-    beyond = np.flatnonzero(np.any((recording.gyro > limit) | (recording.gyro < -limit), axis=1))
-    if len(beyond):
-        most = np.degrees(np.abs(recording.gyro[beyond[0]]).max())
-        raise RecordingError(
-            f"{recording.name}: {most:.0f} °/s at sample {beyond[0]} is more than twice the range given, "
-            f"{np.degrees(gyro_range):.0f} °/s: check the range"
-        )
-
-
-def _flags(recording: Recording, gyro_range: float) -> NDArray[np.uint32]:
-    """Return SampleFlags (n,), as a bridge sets them."""
-    warm = None if recording.temperature_c is None else recording.temperature_c.astype(np.float32)
-    time_s = recording.ticks * TICK_S
-    return SensorFaults(Tally()).flags(time_s, recording.gyro.astype(np.float32), warm, gyro_range)
-
-
-def _info(recording: Recording) -> DeviceInfo:
-    return DeviceInfo(
-        device="recorded",
-        bridge="",
-        boot=_BOOT,
-        boot_cause=BootCause.PORT_OPENED,
-        model=recording.name,
-        firmware="recording",
-        driver="",
-        port="",
-        rate_hz=recording.rate_hz,
-        measured_rate_hz=recording.rate_hz,
-        gyro_range=0.0,
-        has_accel=recording.accel is not None,
-        has_temperature=recording.temperature_c is not None,
-        time_ns=0,
-    )

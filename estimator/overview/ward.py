@@ -6,12 +6,12 @@ from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
-from bridge.ingest import duplicate_bridges
 from bridge.reasons.catalogue import sentences_as_json
 from bridge.reasons.codes import Code, Sentences
 from bridge.wire.messages import DeviceInfo, Placement, Quality, State, Status
 from estimator.device.attention import LOW_BATTERY_PERCENT, complaints, ended, needs_person
 from estimator.device.lifecycle import NEVER_S
+from estimator.service import duplicate_bridges
 
 #: seconds without a status after which a device counts as silent; a status comes once a second
 SILENT_S = 3.5
@@ -216,49 +216,6 @@ def head_line(rows: Sequence[DeviceRow]) -> str:
     others = [row for row in rows if row.state != TRACKING]
     said = f"{len(rows) - len(others)} of {len(rows)} tracking"
     return f"{said}; {counted(others)}" if others else said
-
-
-def chosen(rows: Iterable[DeviceRow], only: Iterable[str]) -> list[DeviceRow]:
-    """Return the rows whose state or id matches one of the words; all rows if there are no words.
-
-    A word is a state, or an id in which `*` stands for any characters and `?` for one.
-    """
-    words = [word.lower() for word in only]
-    states = {word.replace("-", " ").replace("_", " ") for word in words}
-    return [row for row in rows if not words or row.state in states or any(matches(row.device, w) for w in words)]
-
-
-def matches(text: str, pattern: str) -> bool:
-    """Return whether a text matches a pattern: `*` stands for any characters, `?` for one.
-
-    The time is at most proportional to the product of both lengths.
-    """
-    at = here = 0
-    star, tried = -1, 0
-    while here < len(text):
-        if at < len(pattern) and pattern[at] == "*":
-            star, tried = at, here
-            at += 1
-        elif at < len(pattern) and pattern[at] in ("?", text[here]):
-            at += 1
-            here += 1
-        elif star >= 0:  # the last star takes one more character
-            tried += 1
-            at, here = star + 1, tried
-        else:
-            return False
-    return not pattern[at:].strip("*")
-
-
-def strangers(rows: Iterable[DeviceRow], only: Iterable[str]) -> list[str]:
-    """Return the words of `only` that are neither a state nor match the id of a device."""
-    devices = [row.device for row in rows]
-    return [
-        word
-        for word in only
-        if word.lower().replace("-", " ").replace("_", " ") not in URGENCY
-        and not any(matches(device, word.lower()) for device in devices)
-    ]
 
 
 def listed(devices: Iterable[str]) -> str:

@@ -37,7 +37,7 @@ def checkpoint_of(device: Device, time_ns: int, answers: Answers = ()) -> Checkp
         answers,
         device.repeated == session.boot,
         state,
-        device.placement if device.placement is not None and device.placement.since_ns else None,
+        device.placement,
         device.board.standing,
     )
 

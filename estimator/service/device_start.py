@@ -4,7 +4,7 @@ import logging
 from collections.abc import Callable
 
 from bridge.reasons.catalogue import english
-from bridge.wire.messages import Checkpoint, Placement
+from bridge.wire.messages import Checkpoint
 from estimator.config.alerts import Alerts
 from estimator.config.device_settings import treatment
 from estimator.config.schema import Estimator
@@ -40,18 +40,15 @@ class DeviceStarts:
     ) -> None:
         self._listed = listed
         self._parts, self._boots, self._resumed, self._tell = parts, boots, resumed, tell
-        self._settings, self._alerts = parts.settings, alerts
+        self._alerts = alerts
         #: devices that were in the roster when this estimator ended: boot, last time there in ns, and bridge
         self._last_run = parts.record.last_run()
 
     def use(self, settings: Estimator, alerts: Alerts) -> None:
-        """Use changed settings: placements and alerts at once, a session's from its next boot or calibration on."""
-        moved = settings.placements != self._settings.placements
-        self._settings, self._alerts, self._boots.treatment = settings, alerts, treatment(settings)
+        """Use changed settings: alerts at once, a session's from its next boot or calibration on."""
+        self._alerts, self._boots.treatment = alerts, treatment(settings)
         for device in self._parts.devices.values():
             device.use(self._boots.knobs(device.name, device.admission.owner), alerts)
-            if moved:
-                device.placement = self._worn(device.name)
 
     def begin(self, batch: Samples, now: float) -> Device | None:
         """Create a device from its first batch, at `now`, monotonic s; None where the roster has no room.
@@ -145,13 +142,8 @@ class DeviceStarts:
         device.stands(parts.record.standing(name), now)
         known = self._listed or parts.record.knows(name) or parts.cluster.replicas.of(name) is not None
         device.announced_after_s = 0.0 if known else NEWCOMER_S
-        device.placement = self._worn(name)
+        device.placement = parts.record.placement(name)
         return device
-
-    def _worn(self, name: str) -> Placement | None:
-        """Placement that a person set, else that of the ward file."""
-        said, worn = self._parts.record.placement(name), self._settings.placements.get(name)
-        return worn.placement if said is None and worn is not None else said
 
     def _was_heard(self, device: Device, bridge: str, time_ns: int, now: float) -> None:
         """Note when a device was heard last, host time in ns, and from which bridge, empty if unknown."""

@@ -7,12 +7,9 @@ nothing. Some refused names are remembered, so that a person can see which devic
 import logging
 from collections.abc import Container
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 from bridge.bus.contract import Bus, Publisher
-from bridge.config import enrolment as enrolled
 from bridge.config.enrolment import Enrolment
-from bridge.config.ward_file import stamp_of
 from bridge.reasons.catalogue import english
 from bridge.reasons.codes import Code, Sentences
 from bridge.wire import codec, keys
@@ -27,8 +24,6 @@ log = logging.getLogger(__name__)
 STRANGER, FOREIGN = "messages refused, not enrolled", "messages refused, another bridge's device"
 #: most strangers listed, and how long each is listed after its last message, s
 LISTED, LISTED_S = 64, 30.0
-#: stamp that no file has
-_CHANGED = (0, 0, 0)
 
 
 @dataclass(slots=True)
@@ -51,38 +46,14 @@ class EnrolmentGate:
 
     def __init__(self, enrolment: Enrolment | None, counts: Tally) -> None:
         self._enrolment, self._counts = enrolment, counts
-        self._stamp = self._stamped()  # taken before reading: a change during the read is then read again
-        self._places = enrolment.read() if enrolment else {}
+        self._places = enrolment.places if enrolment else {}
         self._heard = set[str]()  # enrolled devices heard from their own bridges
         self.strangers: dict[str, Stranger] = {}
 
     def look(self, now: float) -> None:
-        """Once a second, at `now` monotonic s: reload a changed list of enrolled devices, and drop silent strangers.
-
-        An unreadable or emptied file is logged, and the list stays as it was.
-        """
+        """Drop the strangers that are silent, once a second. now: monotonic s."""
         gone = [name for name, stranger in self.strangers.items() if now - stranger.heard > LISTED_S]
         for name in {*gone, *(self.strangers.keys() & self._heard)}:
-            del self.strangers[name]
-        if self._enrolment is None or (stamp := self._stamped()) == self._stamp:
-            return
-        self._stamp = stamp
-        try:
-            places = self._enrolment.read()
-        except ValueError as error:
-            log.error("[devices]: %s; the earlier list stays in force", error)
-            return
-        # An editor may truncate the file for a moment, and a full disk may empty it.
-        if self._enrolment.file and places == enrolled.places(self._enrolment.enrolled) != self._places:
-            log.error(
-                "[devices]: %s no longer lists any device; the earlier list stays in force",
-                self._enrolment.file,
-            )
-            return
-        log.info("[devices]: %d devices are enrolled now, %d before", len(places), len(self._places))
-        self._places = places
-        self._heard.clear()
-        for name in self.strangers.keys() & places.keys():
             del self.strangers[name]
 
     def lists(self, device: str) -> bool:
@@ -90,9 +61,14 @@ class EnrolmentGate:
         return device in self._places
 
     def enrol(self, enrolment: Enrolment) -> None:
-        """Use a changed `[devices]` table from the next `look` on; does nothing if there was no table before."""
-        if self._enrolment is not None and enrolment != self._enrolment:
-            self._enrolment, self._stamp = enrolment, _CHANGED
+        """Use a changed `[devices]` table; does nothing if there was no table before."""
+        if self._enrolment is None or enrolment == self._enrolment:
+            return
+        before, self._enrolment, self._places = len(self._places), enrolment, enrolment.places
+        log.info("[devices]: %d devices are enrolled now, %d before", len(self._places), before)
+        self._heard.clear()
+        for name in self.strangers.keys() & self._places.keys():
+            del self.strangers[name]
 
     def why(self, device: str, bridge: str = "") -> Sentences:
         """Reasons why a device sent by this bridge is refused; empty where it would be admitted.
@@ -138,9 +114,6 @@ class EnrolmentGate:
             stranger.heard = now
         elif len(self.strangers) < LISTED:
             self.strangers[device] = Stranger(bridge, 1, now)
-
-    def _stamped(self) -> tuple[int, int, int] | None:
-        return stamp_of(Path(self._enrolment.file)) if self._enrolment and self._enrolment.file else None
 
 
 class Notices:

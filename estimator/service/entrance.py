@@ -120,7 +120,7 @@ class Entrance:
         return ours, others
 
     def look(self, now: float, devices: DeviceRoster) -> None:
-        """Once a second, at `now` monotonic s: reload enrolment, forget silent new devices, judge all keys again."""
+        """Once a second, at `now` monotonic s: forget silent unlisted and new devices, judge all keys again."""
         self._gate.look(now)
         if self.newcomers is not None:
             devices.forget(now, FORGET_S)

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from bridge.wire import validation
 from bridge.wire.batches import MAX_ACCEL, MAX_CELSIUS, MAX_RATE, MAX_SEQUENCE, MAX_STD
+from bridge.wire.control_messages import MAX_ELEMENT, MAX_POINTS, MIN_POINTS
 from bridge.wire.messages import BiasRevision, Status
-from bridge.wire.revisions import MAX_ELEMENT, MAX_POINTS, MIN_POINTS
 
 MAX_SCALE, MAX_HZ, MAX_AGE_S, MAX_COUNT = 10.0, 1e6, 1e12, 2**64 - 1
 _OTHERS = "others"

@@ -210,7 +210,7 @@ class Service:
                     return
 
     def _take_settings(self, ward: Ward) -> None:
-        """Use the changed settings: enrolment, placements and alerts at once, others from a device's next boot on."""
+        """Use the changed settings: enrolment and alerts at once, others from a device's next boot on."""
         if ward.devices is not None:
             self._gate.enrol(ward.devices)
         if ward.estimator is not None:

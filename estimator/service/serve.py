@@ -32,8 +32,8 @@ log = logging.getLogger(__name__)
 _CYCLES = 50_000
 #: settings of the ward's file that take effect in a running estimator; those of a device at its next boot or calibration
 LIVE = (
-    *(f"devices.{name}" for name in ("enrolled", "file")),
-    *(f"estimator.{name}" for name in ("method", "model", "models", "horizontal_turns", "warming_s", "placements")),
+    "devices.enrolled",
+    *(f"estimator.{name}" for name in ("method", "model", "models", "horizontal_turns", "warming_s")),
     *(f"alerts.{name}" for name in Alerts.__struct_fields__),
 )
 #: modules that trackers and calibrations need when they start

@@ -56,7 +56,10 @@ class StoreReader:
     def placements(self, device: str) -> list[Placement]:
         """All placements of a device (where and by whom it was worn), oldest first: each holds until the next."""
         names = "segment", "side", "wearer", "time_ns", "who"
-        return [Placement(*(row[name] for name in names)) for row in self._added("placements", device)]
+        return [
+            Placement(*(row[name] for name in names))
+            for row in self.database.rows("placements", "device = ?", (device,), "number")
+        ]
 
     def alerts(self, device: str) -> list[tuple[Alert, int | None]]:
         """All alerts of a device or an estimator, oldest first, each with its end.
@@ -66,14 +69,8 @@ class StoreReader:
         names = "kind", "since_ns", "raised_ns", "acknowledged_ns", "who"
         return [
             (Alert(*(row[name] for name in names)), row["time_ns"] if row["cleared"] else None)
-            for row in self._added("alerts", device)
+            for row in self.database.rows("alerts", "device = ?", (device,), "number")
         ]
-
-    def _added(self, table: str, device: str) -> list[Row]:
-        """Rows of a device in a table that stores of schema 4, opened for reading, do not have."""
-        if not self.database.rows("sqlite_schema", "name = ?", (table,), "name"):
-            return []
-        return self.database.rows(table, "device = ?", (device,), "number")
 
     def boots(self, device: str, most: int) -> list[int]:
         """Latest boot numbers of a device, at most `most`, oldest first."""

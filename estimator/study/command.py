@@ -1,16 +1,21 @@
 """Run the studies for the commands `truerate study NAME` and `truerate study all`."""
 
 from pathlib import Path
+from typing import Any
 
 from msgspec import structs
 from rich.console import Console
 
 from bridge.toml.loader import ConfigError
-from estimator.study import report
+from estimator.study import analysis, errors, magnitude, orientation, real, report, sensors, testset, typical
 from estimator.study.real import RealScenario
-from estimator.study.registry import STUDIES
 from estimator.study.runner import Runner
-from estimator.study.study import Scenario
+from estimator.study.study import Scenario, Study
+
+STUDIES: dict[str, Study[Any, Any]] = {
+    module.STUDY.name: module.STUDY
+    for module in (typical, errors, testset, sensors, magnitude, orientation, analysis, real)
+}
 
 
 def run_one(

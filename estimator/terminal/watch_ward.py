@@ -12,7 +12,7 @@ from rich.text import Text
 
 from bridge.reasons.catalogue import english
 from estimator.client import Client
-from estimator.overview.ward import TRACKING, WORDS, DeviceRow, age, chosen, counted, head_line, listed, strangers
+from estimator.overview.ward import TRACKING, WORDS, DeviceRow, age, counted, head_line, listed
 from estimator.terminal.live_messages import FIRST_S, NO_DEVICE_DO, LiveMessages, interrupted
 from estimator.terminal.ward_table import STYLES
 
@@ -28,7 +28,7 @@ _WHOLE = 10_000
 def watch_ward(
     console: Console,
     client: Client,
-    only: Sequence[str] = (),
+    only: str = "",
     *,
     once: bool = False,
     as_json: bool = False,
@@ -36,9 +36,9 @@ def watch_ward(
 ) -> int:
     """Show the client's ward until Ctrl-C, for `seconds`, or once.
 
-    only: states or device ids to show. Returns 1 if no device has sent, or a word of `only` is neither, else 0.
+    only: id of the device to show; empty for all. Returns 1 if no device has sent, or not that one.
     """
-    ears, heard, said, strange = LiveMessages(client), False, dict[str, str](), list[str]()
+    ears, heard, said, strange = LiveMessages(client), False, dict[str, str](), ""
     listen = ears.settle if once else ears.listen
     begin = time.monotonic()
     screen = Live(console=console, auto_refresh=False, screen=True)
@@ -51,12 +51,12 @@ def watch_ward(
             listen(_REDRAW_S if heard else FIRST_S)
             now = time.monotonic()
             everything = ears.view.rows(now)
-            rows = chosen(everything, only)
+            rows = [row for row in everything if only in ("", row.device)]
             heard = heard or bool(everything)
             head = f"{client.ward}: {head_line(everything)}" + ("" if client.connected else "; no router answers")
-            strange = strangers(everything, only)
-            head += f"; no device is {' or '.join(only)}" if only and not rows and not strange else ""
-            head += f"; {_strange(strange, everything)}" if strange else ""
+            there = listed(row.device for row in everything)
+            strange = f"{only} is not heard; heard are {there}" if everything and not rows else ""
+            head += f"; {strange}" if strange else ""
             if as_json:
                 _print_json(client.ward, everything, rows)
             elif live:
@@ -77,14 +77,8 @@ def watch_ward(
         words = f"ward {client.ward}: no device is heard. {NO_DEVICE_DO}"
         print(words, file=sys.stderr)  # noqa: T201
     elif strange and (as_json or not (live or once)):
-        print(_strange(strange, everything), file=sys.stderr)  # noqa: T201
+        print(strange, file=sys.stderr)  # noqa: T201
     return 0 if heard and not strange else 1
-
-
-def _strange(words: list[str], heard: Sequence[DeviceRow]) -> str:
-    states = ", ".join(word.replace(" ", "-") for word in WORDS.values())
-    there = f"; heard are {listed(row.device for row in heard)}" if heard else ""
-    return f"no device that is heard, and no state, is {' or '.join(words)}; states are {states}{there}"
 
 
 def shown(rows: Sequence[DeviceRow], head: str, width: int, height: int | None = None) -> Group:

@@ -40,7 +40,7 @@ log = logging.getLogger(__name__)
 #: settings of the ward's file that take effect in a running dashboard
 LIVE = (
     *(f"dashboard.{name}" for name in ("people", "hosts", "origins", "session_hours", "idle_minutes", "due_days")),
-    *(f"estimator.{name}" for name in ("method", "model", "models", "horizontal_turns", "warming_s", "placements")),
+    *(f"estimator.{name}" for name in ("method", "model", "models", "horizontal_turns", "warming_s")),
     *(f"alerts.{name}" for name in Alerts.__struct_fields__),
 )
 _LOOK_S = 0.5

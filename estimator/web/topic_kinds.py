@@ -4,9 +4,8 @@ import re
 
 from bridge.wire.keys import ID
 from estimator.language.texts import LANGUAGES
-from estimator.web.device_topics import AttitudeTopic, DeviceTopic, TraceTopic, TrailTopic
+from estimator.web.device_topics import AttitudeTopic, DeviceTopic, ReceiptTopic, TraceTopic, TrailTopic
 from estimator.web.guide_topics import GuideTopic
-from estimator.web.receipt_topic import ReceiptTopic
 from estimator.web.topics import Topic
 from estimator.web.ward_topics import BiasTopic, RatesTopic, WardTopic
 

@@ -23,7 +23,7 @@ GROUPS = {
     "network": ("network",),
     "faults": ("suffering", "estimator_kills", "store_faults", "router_kills", "kills"),
     "hostile": ("access", "attacks"),
-    "outlets": ("lsl", "stream", "foxglove", "per_sample"),
+    "outlets": ("lsl", "stream", "foxglove"),
     "storage": ("storage", "reading"),
     "viewers": ("subscribing", "dashboard", "newcomer", "agreement"),
 }

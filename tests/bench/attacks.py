@@ -42,7 +42,7 @@ from tests.web.talk import about
 
 DEVICES, PASSWORD = 12, "correct horse battery"
 INVENTED, MESSAGES, BURST_S, INFOS = 6000, 12, 5.0, 2000
-PICTURES, BRACKETS, POLLERS = 480, 60_000, 50
+PICTURES, POLLERS = 480, 50
 #: goals, s: of answers, of a hole, of stopping; and of the memory before
 GOALS_S = {"page": 1.0, "login": 2.0, "picture": 3.0, "hole": 0.3, "stop": 5.0}
 GROWN = 0.1
@@ -104,12 +104,6 @@ def infos(at: Place) -> None:
         for n, publisher in enumerate(kept):
             publisher.put(codec.encode_info(about(f"a{n}", bridge="ghost", time_ns=time.time_ns())))
         time.sleep(BURST_S)
-
-
-def brackets(at: Place) -> None:
-    """One request with a pattern that is dear to match."""
-    with contextlib.suppress(OSError):
-        ask(at.web, f"/api/v1/devices?only={'[' * BRACKETS}")
 
 
 def pictures(at: Place) -> None:
@@ -197,7 +191,6 @@ ATTACKS: dict[str, Callable[[Place], None]] = {
     "nobody": nobody,
     "invented": invented,
     "infos": infos,
-    "brackets": brackets,
     "pictures": pictures,
     "polls": polls,
     "routes": routes,

@@ -6,7 +6,7 @@ import numpy as np
 
 from estimator.device.prior_knowledge import PriorKnowledge
 from estimator.device.session import DeviceSession
-from estimator.offline.recordings import _batches
+from estimator.offline.recorded_batches import batches
 from estimator.tracking.bias_state import BiasKnobs, start
 from tests.consistency.test_warming import recording
 from tests.estimator.device.test_correction import CALIBRATION
@@ -28,7 +28,7 @@ def doubts(seed: int) -> tuple[int, list[str]]:
     kept, restarts, said = PriorKnowledge(made, begun), 0, list[str]()
     session: DeviceSession | None = None
     begins_s = float(of.time_s[at])
-    for batch in _batches(of, 0.0, round(of.rate_hz)):
+    for batch in batches(of, 0.0, round(of.rate_hz)):
         now = float(batch.device_time[0])
         if now < of.time_s[at]:
             continue

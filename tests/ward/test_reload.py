@@ -47,10 +47,10 @@ def test_a_ward_with_certificates_takes_a_change_and_refuses_a_fault(
             ward.check()
             out = reloaded(text, None)
         more = text.replace("[estimator]", '[[bridge.devices]]\nid = "more"\ndriver = "simulated"\n\n[estimator]')
-        more += '\n[estimator.placements]\nstays = { wearer = "bed-3" }\n[alerts]\nquiet_hours = "22:00-06:00"\n'
+        more += '\n[estimator.models]\nstays = "lsm9ds1"\n[alerts]\nquiet_hours = "22:00-06:00"\n'
         out = reloaded(more, 0)
         assert "bridge bridge-1: Now in force from the ward's file: bridge.devices +more." in out
-        said = "Now in force from the ward's file: estimator.placements +stays; alerts.quiet_hours."
+        said = "Now in force from the ward's file: estimator.models +stays; alerts.quiet_hours."
         assert f"estimator estimator-1: {said}" in out
         assert f"dashboard desk: {said}" in out
         out = reloaded(more.replace("truerate.sqlite3", "other.sqlite3"), 1)

@@ -1,7 +1,7 @@
 """Outlet to the Lab Streaming Layer (LSL): streams of each device, and one stream of markers (docs/lsl.md).
 
-Begin at `add_arguments` and `serve`. `service` moves data; `streams` makes streams with their metadata; `clock` maps
-sample times to LSL's clock; `markers` words what happens to a device.
+Begin at `add_arguments` and `serve`. `service` moves data, maps sample times to LSL's clock, and words what happens to
+a device; `streams` makes streams with their metadata.
 """
 
 import argparse

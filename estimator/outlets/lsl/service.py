@@ -2,15 +2,17 @@
 
 import threading
 import time
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 
+import numpy as np
 import pylsl
+from numpy.typing import NDArray
 
+from bridge.reasons.catalogue import english
 from bridge.runtime.open_files import make_room
-from bridge.wire.messages import CorrectedBatch, DeviceInfo, Status
-from estimator.client import Client
-from estimator.outlets.lsl.clock import LslClock
-from estimator.outlets.lsl.markers import Boots, of_calibration, of_note
+from bridge.transport import host_time
+from bridge.wire.messages import Calibration, CorrectedBatch, DeviceInfo, Note, Status
+from estimator.client import Client, Miss
 from estimator.outlets.lsl.streams import Batch, DeviceStream, MarkerStream
 from estimator.outlets.places import Places
 
@@ -18,6 +20,31 @@ from estimator.outlets.places import Places
 _LOOK_S = 0.5
 #: most streams, and open files of each; it also takes two threads. And files that are needed otherwise
 _STREAMS, _FILES, _OTHER_FILES = 256, 9, 100
+
+
+class LslClock:
+    """Mapping from host time (ns since the Unix epoch) to LSL's clock (s).
+
+    local_clock: returns the present time of LSL's clock, s.
+    The host's clock may be set while the program runs. Sample times follow it, LSL's clock does not.
+    """
+
+    def __init__(self, local_clock: Callable[[], float]) -> None:
+        # A delay between the two readings lowers the result, so the highest is the best.
+        self._ahead_ns = max(host_time.now_ns() - round(local_clock() * 1e9) for _ in range(10))
+        self._set_ns = host_time.set_ns()
+
+    def follow(self) -> None:
+        """Measure again how far the host's clock has been set; later stamps allow for it."""
+        self._set_ns = host_time.set_ns(self._set_ns)
+
+    def stamp(self, time_ns: int) -> float:
+        """Convert a host time, in nanoseconds since the Unix epoch, to LSL time in s."""
+        return (time_ns - self._set_ns - self._ahead_ns) * 1e-9
+
+    def stamps(self, times_ns: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Convert host times (n,), in nanoseconds since the Unix epoch, to LSL times (n,) in s."""
+        return np.asarray((times_ns - (self._set_ns + self._ahead_ns)) * 1e-9, np.float64)
 
 
 class LslOutlet:
@@ -99,3 +126,41 @@ class LslOutlet:
                 return  # the stream does not exist yet, so nobody can read it
             stream = self._streams[batch.device, kind] = DeviceStream(self._ward, kind, info, status)
         stream.push(batch, self._clock.stamps(batch.sample_time_ns))
+
+
+class Boots:
+    """Makes the markers that come from a device's batches: reboots and missing samples.
+
+    Call `missed` before `before` is called with the batch after the hole.
+    """
+
+    def __init__(self) -> None:
+        self._boots: dict[str, int] = {}
+        self._missing: dict[str, int] = {}
+
+    def missed(self, miss: Miss) -> None:
+        """Count samples that did not arrive, until the next batch of their device."""
+        self._missing[miss.device] = self._missing.get(miss.device, 0) + miss.count
+
+    def before(self, batch: CorrectedBatch) -> list[str]:
+        """Return the markers to send at a batch's first sample, often none: a reboot, the number of missing samples."""
+        missing = self._missing.pop(batch.device, 0)
+        known = self._boots.get(batch.device)
+        self._boots[batch.device] = batch.boot
+        found = [f"{batch.device} reboot {batch.boot:016x}"] if known not in (None, batch.boot) else []
+        return [*found, f"{batch.device} missing {missing}"] if missing else found
+
+    def leave(self, device: str) -> None:
+        """Forget boot and missing samples of a device."""
+        self._boots.pop(device, None)
+        self._missing.pop(device, None)
+
+
+def of_calibration(calibration: Calibration) -> str:
+    """Return the marker of a calibration, accepted or rejected: `<device> calibration <verdict> <reason>`."""
+    return f"{calibration.device} calibration {calibration.verdict.name.lower()} {english(*calibration.reason)}".strip()
+
+
+def of_note(note: Note) -> str:
+    """Return the marker of a person's note: `<device> note <who>: <text>`."""
+    return f"{note.device} note {note.who}: {note.text}"

@@ -14,7 +14,7 @@ from bridge.wire.placement import MAX_WEARER
 from estimator.alerts.outbox import sentence
 from estimator.geometry.gyro_model import AXES
 from estimator.offline import calibration_file
-from estimator.overview.ward import TRACKING, DeviceRow, chosen
+from estimator.overview.ward import TRACKING, DeviceRow
 from estimator.reports.history import iso
 from estimator.web.ward_state import Known, Story
 
@@ -41,14 +41,13 @@ def said(sentences: Sentences) -> list[Said]:
 class Worn(Struct, frozen=True):
     """Placement of a device: body segment, side, wearer, who set it and since when.
 
-    `since` is an ISO 8601 time, null if the ward file sets the placement. Empty segment and
-    wearer: nobody wears the device.
+    `since` is an ISO 8601 time. Empty segment and wearer: nobody wears the device.
     """
 
     segment: str
     side: str
     wearer: str
-    since: str | None
+    since: str
     who: str
 
 
@@ -237,18 +236,16 @@ class Error(Struct, frozen=True):
     error: ErrorWords
 
 
-def devices(known: Known, rows: list[DeviceRow], only: list[str]) -> Devices:
-    """Build the response with the devices that `only` selects by state or id (empty: all).
-
-    The number of tracking devices and the troubles always concern the whole ward.
-    """
+def devices(known: Known, now: float) -> Devices:
+    """Build the response with all devices of the ward. now: monotonic time in s."""
+    rows = known.rows(now)
     return Devices(
         ward=known.ward,
         connected=known.connected,
         tracking=sum(row.state == TRACKING for row in rows),
         of=len(rows),
         troubles=said(known.troubles()),
-        devices=[device(row, known.stories[row.device]) for row in chosen(rows, only)],
+        devices=[device(row, known.stories[row.device]) for row in rows],
     )
 
 
@@ -311,7 +308,7 @@ def _accelerometer(one: AccelerometerCalibration | None) -> Accelerometer | None
 def _worn(one: Placement | None) -> Worn | None:
     if one is None:
         return None
-    return Worn(one.segment, one.side, one.wearer, iso(one.since_ns) if one.since_ns else None, one.who)
+    return Worn(one.segment, one.side, one.wearer, iso(one.since_ns), one.who)
 
 
 def calibrations(name: str, story: Story, found: Sequence[Calibration], limit: int) -> Calibrations:

@@ -50,8 +50,8 @@ def document() -> dict[str, Any]:
                     "listDevices",
                     "All devices, those that need a person first",
                     Devices,
-                    [_ONLY],
-                    {400: "no such parameter", 404: "no such state, and no such device was heard of"},
+                    [],
+                    {400: "no such parameter"},
                 )
             },
             "/api/v1/devices/{device}": {"get": _get("getDevice", "One device", Device, [_DEVICE], of_one)},
@@ -104,12 +104,6 @@ def document() -> dict[str, Any]:
     }
 
 
-_ONLY = {
-    "name": "only",
-    "in": "query",
-    "description": "in this state (`degraded` …), or with this id (* and ? stand for anything); may be given again",
-    "schema": {"type": "array", "items": {"type": "string", "minLength": 1}},
-}
 _BEFORE = {
     "name": "before",
     "in": "query",

@@ -13,15 +13,12 @@ from starlette.routing import BaseRoute, Route
 from bridge.wire.keys import check_id
 from bridge.wire.messages import Placement
 from bridge.wire.refusal import Refusal
-from estimator.overview.ward import URGENCY, DeviceRow, listed, strangers
 from estimator.web import request_form
 from estimator.web.api import answers, openapi
 from estimator.web.http_error import Fault
 from estimator.web.site import CHALLENGE, VERBS, Desk, placed
 
 ROOT = "/api/v1"
-#: most words in ?only=, and most characters in a word; an id has at most 32
-MOST_WORDS, LONGEST = 16, 64
 _JSON = "application/json"
 T = TypeVar("T", answers.Words, answers.Placing)
 
@@ -60,19 +57,9 @@ async def document(request: Request) -> Response:
 
 
 async def devices(request: Request) -> Response:
-    """Serve all devices as JSON; with ?only= those in a state, or with an id that matches (* and ? are wildcards).
-
-    Raises Fault for a word that matches no state and no device.
-    """
-    desk = Desk.of(request)
-    only = known_parameters(request, "only").getlist("only")
-    if len(only) > MOST_WORDS:
-        words = f"'only' is there {len(only)} times; at most {MOST_WORDS} are allowed."
-        raise Fault(HTTPStatus.BAD_REQUEST, "bad_parameter", words)
-    rows = desk.known.rows(time.monotonic())
-    for word in only:
-        _nothing_like(word, rows)
-    return answer(answers.devices(desk.known, rows, only))
+    """Serve all devices as JSON, those that need a person first."""
+    known_parameters(request)
+    return answer(answers.devices(Desk.of(request).known, time.monotonic()))
 
 
 async def device(request: Request) -> Response:
@@ -108,19 +95,6 @@ def known_parameters(request: HTTPConnection, *names: str) -> QueryParams:
         words = f"There is no parameter {min(unknown)[:40]!r}; {there}."
         raise Fault(HTTPStatus.BAD_REQUEST, "unknown_parameter", words)
     return request.query_params
-
-
-def _nothing_like(word: str, rows: list[DeviceRow]) -> None:
-    """Raise Fault where a word of ?only= is probably mistyped."""
-    if len(word) > LONGEST:
-        words = f"'only' has a word of {len(word)} characters; at most {LONGEST} are allowed."
-        raise Fault(HTTPStatus.BAD_REQUEST, "bad_parameter", words)
-    if not word:
-        raise Fault(HTTPStatus.BAD_REQUEST, "bad_parameter", "'only' is empty; give a state or an id.")
-    if not set(word) & set("*?") and strangers(rows, [word]):
-        heard = f"; heard are: {listed(row.device for row in rows)}" if rows else ""
-        words = f"{word[:40]!r} is no state and no device; states are: {', '.join(URGENCY)}{heard}."
-        raise Fault(HTTPStatus.NOT_FOUND, "unknown_device", words)
 
 
 def _limit(text: str) -> int:

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from bridge.bus.reachability import why_unreachable
+from bridge.bus.router_watch import why_unreachable
 from estimator.demo.ward import free_port
 
 

@@ -12,7 +12,9 @@ from bridge.drivers.mtdata2 import MtData2Decoder
 from bridge.framing import mtdata2
 from bridge.reasons.codes import Code
 from bridge.recording import Reading, RecordingError
+from estimator.cli.main import main
 from tests.bridge.recording.text.session import G, turns
+from tests.bridge.text import printed
 
 TIME, GYRO, ACCEL = turns()
 GYRO_COUNTS = np.rint(GYRO / 2000 * 32768).astype(int)
@@ -93,3 +95,33 @@ def test_the_first_line_of_a_log_is_whole(tmp_path: Path) -> None:
     recording = load_capture(path, "", "openlog-artemis", Reading())
     assert len(recording) == len(TIME)
     assert np.allclose(np.degrees(recording.gyro), GYRO, atol=0.006)
+
+
+def test_refused_lines_and_the_notices_of_a_profile_are_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    data = b"18\t-0.31\r\n" + printed.nano(238) + b"1.22\t0.18\r\n1.22\t0.18\t-0.3x\r\n1.2"
+    path = captured(tmp_path / "capture.txt", data)
+    words = ["recording", "inspect", str(path), "--profile"]
+    assert main([*words, "nano-33-ble"]) == 0
+    said = capsys.readouterr().out
+    assert "samples:     238 in" in said
+    assert "reads 12.8 % low" in said
+    assert "2 row short ('18\\t-0.31': 2 columns found, 3 expected)" in said
+    assert "1 not a number ('1.22\\t0.18\\t-0.3x': '-0.3x' is not a number)" in said
+    assert main([*words, "razor-m0"]) == 1
+    assert "no sample found by razor-m0" in capsys.readouterr().err
+    assert main([*words, "razor"]) == 2
+    assert "did you mean 'razor-m0'" in capsys.readouterr().err
+
+
+def test_samples_without_time_or_rate_are_counted(tmp_path: Path) -> None:
+    path = captured(tmp_path / "capture.txt", printed.icm(10))
+    with pytest.raises(RecordingError, match="its 10 samples carry no time"):
+        load_capture(path, "", "icm-20948-sparkfun", Reading())
+
+
+@pytest.mark.parametrize("pause_ms", [3000, 60_000])
+def test_a_pause_in_a_capture_is_no_boot(pause_ms: int, tmp_path: Path) -> None:
+    data = b"\n" + printed.razor(150) + printed.razor(150, first_ms=2700 + pause_ms)
+    assert len(load_capture(captured(tmp_path / "capture.txt", data), "", "razor-m0", Reading())) == 300

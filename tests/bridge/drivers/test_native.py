@@ -12,8 +12,7 @@ import pytest
 from bridge.drivers.byte_stream import StreamDriver
 from bridge.drivers.driver import Battery, Event, Identity, Readings
 from bridge.drivers.native import ASK, NativeDecoder
-from bridge.drivers.replay_segments import ReplaySegment
-from bridge.drivers.replayed import Playback, ReplayedDriver, ReplayedOptions
+from bridge.drivers.replayed import Playback, ReplayedDriver, ReplayedOptions, ReplaySegment
 from bridge.drivers.simulated import SimulatedDriver, SimulatedOptions
 from bridge.framing.cobs_frames import frame
 from bridge.framing.packets import (

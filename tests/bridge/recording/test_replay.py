@@ -9,8 +9,7 @@ import pytest
 
 from bridge.config.schema import Bridge, Device
 from bridge.drivers import replayed
-from bridge.drivers.replay_segments import ReplaySegment
-from bridge.drivers.replayed import Playback, ReplayedDriver, ReplayedOptions
+from bridge.drivers.replayed import Playback, ReplayedDriver, ReplayedOptions, ReplaySegment
 from bridge.ingest.pump import Pump
 from bridge.recording import Reading
 from bridge.recording.files import Folder

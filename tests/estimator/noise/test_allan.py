@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 from scipy.signal import butter, lfilter
 
-from estimator.noise.allan import degrees_of_freedom, octaves, overlapping
-from estimator.noise.allan_fit import identify
+from estimator.noise.allan_fit import degrees_of_freedom, identify, octaves, overlapping
 from tests.estimator.stillness.rest import Floats, at_rest
 
 

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from bridge.drivers.replay_segments import ReplaySegment
-from bridge.drivers.replayed import Playback
+from bridge.drivers.replayed import Playback, ReplaySegment
 from bridge.ingest.intake import Intake
 from bridge.recording import Recording, RecordingError, load
 from bridge.sim.imu_errors import DEMO_SPEC, ImuSpec

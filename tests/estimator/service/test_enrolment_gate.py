@@ -1,6 +1,5 @@
 """Who is let in: enrolled devices from their own bridges. Others are listed, some of them, and cost nothing more."""
 
-import os
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -69,36 +68,21 @@ def test_a_hundred_thousand_invented_devices_take_no_more_room_than_a_few(gate: 
     assert gate.strangers == {}, "who is not heard any more makes room for others"
 
 
-def test_the_file_is_read_again_when_it_changes_and_kept_when_it_is_broken(
-    tmp_path: Path, counts: Tally, caplog: pytest.LogCaptureFixture
-) -> None:
-    file = tmp_path / "enrolled.txt"
-    file.write_text("# of bay 2\nb1/wrist\n\nchest  # spare\n")
-    gate = EnrolmentGate(Enrolment(enrolled=("hip",), file=str(file)), counts)
-    all_three = [sent("b1", "wrist"), sent("b1", "chest"), sent("b1", "hip")]
-    assert admit(gate, [*all_three, sent("b1", "ankle")], 0.0) == all_three
-    for n, (text, let_in) in enumerate(
-        (("ankle\n", ["hip", "ankle"]), ("../x\n", ["hip", "ankle"]), ("wrist\n", ["hip", "wrist"]))
-    ):
-        file.write_text(text)
-        os.utime(file, ns=(n, n))
-        gate.look(1.0)
-        found = admit(gate, [sent("b1", name) for name in ("chest", "hip", "ankle", "wrist")], 1.0)
-        assert [device for _, device in found] == let_in
-        assert "ankle" not in gate.strangers or n == 2
-    assert caplog.text.count("the earlier list stays in force") == 1
-    file.unlink()
-    gate.look(2.0)
-    assert admit(gate, [sent("b1", "wrist")], 2.0), "a file that is gone for a moment throws nobody out"
+def test_a_changed_table_holds_at_once(gate: EnrolmentGate) -> None:
+    admit(gate, [sent("b1", "ankle")], 0.0)
+    gate.enrol(Enrolment(enrolled=("chest", "ankle")))
+    assert gate.strangers == {}
+    assert admit(gate, [sent("b1", name) for name in ("chest", "wrist", "ankle")], 1.0) == [
+        sent("b1", "chest"),
+        sent("b1", "ankle"),
+    ]
 
 
 def test_a_service_lists_strangers_and_takes_them_once_they_are_enrolled(tmp_path: Path) -> None:
-    file = tmp_path / "enrolled.txt"
-    file.write_text("wrist\n")
     broker = MemoryBroker()
     bridge, store = MemoryBus(broker), Store(tmp_path / "s.sqlite3")
     bus = MemoryBus(broker)
-    service = Service("w", Estimator(id="e"), bus, store, enrolment=Enrolment(file=str(file)))
+    service = Service("w", Estimator(id="e"), bus, store, enrolment=Enrolment(enrolled=("wrist",)))
     client = Client(ward="w", bus=MemoryBus(broker))
     raw = bridge.publisher(keys.build("w", "raw", bridge="b1", device="chest"), cache=0)
     told = bridge.publisher(keys.build("w", "info", bridge="b1", device="chest"), cache=0)
@@ -118,7 +102,7 @@ def test_a_service_lists_strangers_and_takes_them_once_they_are_enrolled(tmp_pat
     service._commands.do(key, ASKED, replies.append)
     assert replies[0].message == (Code.NOT_ENROLLED(),)
     assert client.corrected(idle_s=0.05).receive(0.05) is None
-    file.write_text("wrist\nb1/chest\n")
+    service._gate.enrol(Enrolment(enrolled=("wrist", "b1/chest")))
     service._every_second(time.monotonic())
     service.work()
     for payload in batches[10:]:

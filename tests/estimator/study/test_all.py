@@ -8,7 +8,7 @@ import pytest
 from rich.console import Console
 
 from estimator.study.command import run_all
-from estimator.study.paper import ITEMS
+from estimator.study.report import ITEMS
 
 
 @pytest.mark.timeout(600)  # it draws every figure of every study
