@@ -378,11 +378,11 @@ def encode_revision(revision: BiasRevision) -> bytes:
 
 
 def decode_revision(key: str, payload: bytes) -> BiasRevision:
-    """Decode and validate the payload of revision/<device> as a BiasRevision. Raises Refusal."""
+    """Decode and validate the payload of revision/<device> as a BiasRevision. Raises Refusal if invalid."""
     raw, _ = opened(pb.BiasRevision, "revision", key, payload)
     n = len(raw.sequences)
     if not MIN_POINTS <= n <= MAX_POINTS:
-        raise Refusal(Reason.LENGTH, f"{n} points: use {MIN_POINTS} to {MAX_POINTS}")
+        raise Refusal(Reason.LENGTH, f"the revision has {n} points: use {MIN_POINTS} to {MAX_POINTS}")
     if len(raw.times_ns) != n:
         raise Refusal(Reason.LENGTH, f"times_ns has {len(raw.times_ns)} values; {n} are expected")
     bias = validation.vector(raw.bias, "bias", 3 * n, -MAX_RATE, MAX_RATE)

@@ -90,8 +90,8 @@ class Biases:
 def biases(rests: Sequence[Rest], links: Sequence[tuple[int, int]], floor: float) -> Biases:
     """Estimate the bias of each movement; links (m, 2) are the numbers of the rests before and after it.
 
-    Where the rests scatter by more than their noise, the bias of a movement is mostly the mean of its two rests.
-    Otherwise it is mostly the mean of all rests. floor: rad/s, standard deviation of a rest's reading beyond its noise.
+    The more the rests scatter beyond their noise, the more weight is on the two rests beside a movement; otherwise all
+    rests weigh alike. floor: rad/s, standard deviation of a rest's reading beyond its noise.
     """
     reading = np.array([rest.bias for rest in rests])
     noise = np.array([np.diag(rest.bias_cov) for rest in rests]) + floor**2

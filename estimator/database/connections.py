@@ -107,7 +107,7 @@ class Inspection:
 
     @property
     def sound(self) -> bool:
-        """Whether the store's content is as it was written."""
+        """True if the store's content is as it was written."""
         return not self.fault
 
 

@@ -172,7 +172,10 @@ class ReceiptTopic(topics.Topic):
         self._kept = deque[Receipt](maxlen=POINTS)
 
     def whole(self, now: float, now_ns: int) -> Iterable[Frame]:  # noqa: ARG002 - of a topic
-        """Yield one text frame with all kept receipts; nothing for an unknown device."""
+        """Yield one text frame with all kept receipts; nothing for an unknown device.
+
+        now: monotonic s. now_ns: ns since the Unix epoch.
+        """
         if (story := self._story) is None:
             return
         latest_ns = self._kept[-1].time_ns if self._kept else 0

@@ -139,7 +139,7 @@ class Boots:
         self._missing: dict[str, int] = {}
 
     def missed(self, miss: Miss) -> None:
-        """Count samples that did not arrive, until the next batch of their device."""
+        """Count samples that did not arrive, until the next batch of their device. miss: the hole in the stream."""
         self._missing[miss.device] = self._missing.get(miss.device, 0) + miss.count
 
     def before(self, batch: CorrectedBatch) -> list[str]:
