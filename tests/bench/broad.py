@@ -48,7 +48,7 @@ class Trial:
 
     def turned(self, matrix: Floats) -> "Trial":
         """The trial as read through a matrix (3, 3)."""
-        return replace(self, gyro=np.ascontiguousarray(self.gyro @ matrix.T), bias=self.bias @ matrix.T)
+        return replace(self, gyro=self.gyro @ matrix.T, bias=self.bias @ matrix.T)
 
 
 def trials(folder: Path = FOLDER) -> list[Trial]:
@@ -59,7 +59,8 @@ def trials(folder: Path = FOLDER) -> list[Trial]:
 def load(path: Path) -> Trial:
     """One, as recorded."""
     with np.load(path) as file:
-        gyro, accel, attitude = (file[k].astype(np.float64) for k in ("gyro_rad_s", "accel_m_s2", "truth_quat_wxyz"))
+        columns = ("gyro_rad_s", "accel_m_s2", "truth_quat_wxyz")
+        gyro, accel, attitude = (np.ascontiguousarray(file[name], np.float64) for name in columns)
         moving, rate_hz = file["moving"], float(file["rate_hz"])
     return Trial(path.stem, rate_hz, gyro, accel, moving, rest_bias(gyro, moving, rate_hz), _earlier(attitude))
 
@@ -95,6 +96,23 @@ def rest_bias(gyro: Floats, moving: NDArray[np.bool_], rate_hz: float) -> Floats
     return np.column_stack([np.interp(np.arange(len(gyro)), edges, mean) for mean in means.T])
 
 
+def walk(everything: list[Trial]) -> float:
+    """Rate random walk, rad/s per root second, that the first and last rests of all trials show."""
+    square, seconds = 0.0, 0.0
+    for trial in everything:
+        first, *_, last = rests(trial.moving, trial.rate_hz)
+        square += float(np.mean((trial.gyro[last].mean(axis=0) - trial.gyro[first].mean(axis=0)) ** 2))
+        seconds += (last.start + last.stop - first.start - first.stop) / 2 / trial.rate_hz
+    return float(np.sqrt(square / seconds))
+
+
+def truth_std_dps(trial: Trial) -> float:
+    """Standard deviation of the mean of a rest, °/s per axis, by the difference of its two halves."""
+    halves = [np.array_split(trial.gyro[rest], 2) for rest in rests(trial.moving, trial.rate_hz)]
+    apart = [one.mean(axis=0) - other.mean(axis=0) for one, other in halves]
+    return float(np.degrees(np.sqrt(np.mean(np.square(apart)))) / 2)
+
+
 def scenario(name: str, trial: Trial) -> Trial:
     """The trial as one of SCENARIOS has it."""
     began = int(np.argmax(trial.moving))
@@ -102,8 +120,8 @@ def scenario(name: str, trial: Trial) -> Trial:
         cut = began + int(_CUT_S * trial.rate_hz)
         return replace(
             trial,
-            gyro=np.ascontiguousarray(trial.gyro[cut:]),
-            accel=np.ascontiguousarray(trial.accel[cut:]),
+            gyro=trial.gyro[cut:],
+            accel=trial.accel[cut:],
             moving=trial.moving[cut:],
             bias=trial.bias[cut:],
             attitude=trial.attitude[cut:],

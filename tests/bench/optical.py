@@ -3,9 +3,10 @@
 from itertools import pairwise
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+from scipy.spatial.transform import Rotation, Slerp
 
 from estimator.geometry import rotation
+from estimator.orientation.attitude import G
 from tests.bench.broad import Trial
 from tests.bench.trackers import Floats
 
@@ -84,6 +85,17 @@ def bias_by_optics(trial: Trial, matrix: Floats, walk: float, start_std: float) 
             attitude, bias = Rotation.from_rotvec(change[:3]) * attitude, bias + change[3:]
     found[begin + n :] = bias
     return found
+
+
+def level_force(trial: Trial) -> Floats:
+    """(n, 3) m/s² that a perfect accelerometer would read of the same turns if nothing pushed: gravity, as optics has it.
+
+    A sample stands for the interval that ends at it.
+    """
+    seen = np.flatnonzero(~np.isnan(trial.attitude[:, 0]))
+    middle = np.clip(np.arange(len(trial.attitude)) - 0.5, seen[0], seen[-1])
+    attitude = Slerp(seen, _rotation(trial.attitude[seen]))(middle)
+    return np.asarray(attitude.inv().apply([0.0, 0.0, G]))
 
 
 def _rotation(wxyz: Floats) -> Rotation:

@@ -1,13 +1,14 @@
 """Orientation beside VQF and imufusion: BROAD trials, simulated days, a minute of a gyro alone. `make bench-orientation`.
 
-Inclination: angle between the true and the estimated vertical. Total: with the heading error since the first rest. Inside: share
-of samples within two standard deviations. On BROAD the moving phases count; peers are as their authors give them, six axes.
+Inclination: angle between the true and the estimated vertical. Total: with the heading error since the first rest. Inside:
+share of samples within two standard deviations. Ratio: rms of error by standard deviation. On BROAD the moving phases count;
+peers are as their authors give them, six axes.
 """
 
 import argparse
 import sys
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass, replace
 
 import imufusion
 import numpy as np
@@ -45,12 +46,14 @@ class Attitudes:
 
 @dataclass(frozen=True, slots=True)
 class Score:
-    """Errors in degrees, shares of samples inside two standard deviations (NaN where a method gives none)."""
+    """Errors in degrees; shares of samples inside two standard deviations, rms of error by deviation (NaN for no deviation)."""
 
     inclination: float
     total: float
     tilt_inside: float
     heading_inside: float
+    tilt_ratio: float
+    heading_ratio: float
 
 
 #: of rad/s, m/s², Hz, °C, and the device's calibration: where none is read, or known, None
@@ -119,25 +122,20 @@ def judged(found: Attitudes, truth: Floats, counted: NDArray[np.bool_], zero: sl
     """Compare with true attitudes (n, 4), NaN where unknown; the heading error is taken as zero at the samples `zero`."""
     inclination, heading = errors(found.quat_wxyz, truth, zero)
     at = np.isfinite(inclination) & counted
-    inside = [
-        float(np.mean(np.abs(off[at]) < 2 * std[at])) if std is not None else np.nan
-        for off, std in ((inclination, found.tilt_std), (heading, found.heading_std))
-    ]
-    rms = [
-        float(np.degrees(np.sqrt(np.mean(off)))) for off in (inclination[at] ** 2, (inclination**2 + heading**2)[at])
-    ]
-    return Score(*rms, *inside)
+    off = np.array([inclination, heading])[:, at]
+    std = [np.full(len(at), np.nan) if of is None else of for of in (found.tilt_std, found.heading_std)]
+    ratio = np.abs(off) / np.array(std)[:, at]
+    inside = np.where(np.isnan(ratio).any(axis=1), np.nan, (ratio < 2).mean(axis=1))
+    rms = [np.degrees(np.sqrt(np.mean(square))) for square in (off[0] ** 2, (off**2).sum(axis=0))]
+    return Score(*(float(value) for value in (*rms, *inside, *np.sqrt(np.mean(ratio**2, axis=1)))))
 
 
 def on_broad(method: Method) -> Iterator[Score]:
     """A method on each BROAD trial that is there."""
-    for path in sorted(broad.FOLDER.glob("*.npz")):
-        with np.load(path) as file:
-            gyro, accel = (np.ascontiguousarray(file[name], float) for name in ("gyro_rad_s", "accel_m_s2"))
-            moving, rate_hz, truth = file["moving"], float(file["rate_hz"]), file["truth_quat_wxyz"].astype(float)
-        first = int(np.argmax(moving))
-        zero = slice(0, max(first, int(rate_hz)))
-        yield judged(method(gyro, accel, rate_hz, None, None), truth, moving, zero)
+    for trial in broad.trials():
+        zero = slice(0, max(int(np.argmax(trial.moving)), int(trial.rate_hz)))
+        found = method(trial.gyro, trial.accel, trial.rate_hz, None, None)
+        yield judged(found, trial.attitude, trial.moving, zero)
 
 
 def bought(model: str) -> ImuSpec:
@@ -245,15 +243,15 @@ def minutes(day: Day, model: str, rng: np.random.Generator) -> list[float]:
 
 
 def shown(title: str, scores: dict[str, list[Score]]) -> Table:
-    """A row for each method: medians, and mean shares."""
+    """A row for each method: medians, mean shares, and rms of error by deviation."""
     table = Table(title=title, title_justify="left", title_style="bold", box=None, pad_edge=False)
-    for name in ("", "inclination °", "mean", "total °", "tilt inside", "heading inside"):
+    for name in ("", "inclination °", "mean", "total °", "tilt inside", "ratio", "heading inside", "ratio"):
         table.add_column(name, justify="right" if name else "left", no_wrap=True)
     for name, of in scores.items():
-        inclination, total = [s.inclination for s in of], [s.total for s in of]
-        tilt, heading = np.mean([s.tilt_inside for s in of]), np.mean([s.heading_inside for s in of])
+        inclination, total, tilt, heading, *ratios = np.array([astuple(score) for score in of]).T
+        tilt_ratio, heading_ratio = (f"{np.sqrt(np.mean(ratio**2)):.2f}" for ratio in ratios)
         cells = f"{np.median(inclination):.3f}", f"{np.mean(inclination):.3f}", f"{np.median(total):.2f}"
-        table.add_row(name, *cells, f"{tilt:.3f}", f"{heading:.3f}")
+        table.add_row(name, *cells, f"{tilt.mean():.3f}", tilt_ratio, f"{heading.mean():.3f}", heading_ratio)
     return table
 
 
