@@ -339,7 +339,11 @@ def test_a_device(page: Page, site: Site, look: Look) -> None:
         tracking(name, evidence_age_s=0.5, calibration=CALIBRATION.id),
     )
     held = list[Route]()
-    page.route("**/device.js", held.append)
+
+    def hold(route: Route) -> None:
+        held.append(route)
+
+    page.route("**/device.js", hold)
     page.goto(f"/devices/{name}", wait_until="commit")
     page.get_by_text("Signals").click()  # what is opened before the page's script runs stays open, and is filled
     while not held:
