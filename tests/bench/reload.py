@@ -68,10 +68,11 @@ def measure(folder: Path, devices: int, speed: float) -> Outcome:
             deadline = time.monotonic() + 90.0
             for text, until in _changes(whole, going, ward, watcher):
                 ward.config.write_text(text, "utf-8")
-                said = _reloaded(ward.config)
-                while said[0] and time.monotonic() < deadline:  # a busy machine may take longer than it waits
-                    said = _reloaded(ward.config)
-                outcome.said.append(said)
+                code, said = _reloaded(ward.config)
+                # On a busy machine a program may take longer than the command waits for it.
+                while (code or not ("bridge-1:" in said and "estimator-1:" in said)) and time.monotonic() < deadline:
+                    code, said = _reloaded(ward.config)
+                outcome.said.append((code, said))
                 wait("the change", until, watcher, ward)
             subscriber.close()
     for name in stay:

@@ -69,14 +69,14 @@ def test_streams_are_what_a_subscriber_gets(tmp_path: Path) -> None:
         ward.start("lsl")
         subscriber = Subscriber(ward.endpoint, WARD, keep=True)
         inlets = {
-            (name, kind): inlet(f"truerate/{WARD}/{name}/{kind}")
+            (name, kind): inlet(f"truerate/{WARD}/{name}/{kind}", 100.0)
             for name in NAMES
             for kind in ("rates", "quality", "orientation", "raw")
         }
         markers = inlet(f"truerate/{WARD}/markers")
         recorder = recorders.LabRecorder()
         sources = [{"source_id": f"truerate/{WARD}/{name}"} for name in ("chest/rates", "wrist/rates", "markers")]
-        recorder.start(file, sources, timeout=30.0)
+        recorder.start(file, sources, timeout=100.0)
 
         with Client(ward.endpoint, ward=WARD) as client:
             assert client.note("chest", "nurse", "sat up").accepted

@@ -67,7 +67,6 @@ def running(tmp_path: Path) -> Iterator[Running]:
         (tmp_path / "rec").mkdir()
         watcher, subscriber = Watcher(ward.endpoint, WARD), Subscriber(ward.endpoint, WARD, keep=True)
         process = recorder(ward.endpoint, tmp_path / "rec")
-        wait("the recorder's file", lambda: any((tmp_path / "rec").iterdir()), watcher, ward)
         # A machine that is busy must not cost bytes: what is lost here, we have lost.
         ward.plug(NAME, living(NAME, seed=3), speed=SPEED, lossless=True)
         try:
