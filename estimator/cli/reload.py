@@ -65,7 +65,10 @@ def asked(
     deadline = time.monotonic() + patience_s
     for member in _members(bus, routers, ward):
         key = keys.build(ward.ward, "config", role=member.role.value, name=member.name)
-        while (reply := _answer(bus, key)) is not None and reply.request_id != digest and time.monotonic() < deadline:
+        runs = member.role in (Role.BRIDGE, Role.ESTIMATOR)  # it was found alive, and may be too busy to answer in time
+        while (reply := _answer(bus, key)) is None or reply.request_id != digest:
+            if time.monotonic() >= deadline or (reply is None and not runs):
+                break
             time.sleep(0.2)
         if reply is not None:
             yield member, reply

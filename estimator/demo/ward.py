@@ -22,6 +22,8 @@ from estimator.demo import DemoFailed
 WARD = "demo"
 #: below the port range used for outgoing connections
 _LISTENING = range(20_000, 30_000)
+#: sockets that hold the ports which were given
+_places = list[socket.socket]()
 #: s to wait for a process to end
 _PATIENCE_S = 30.0
 _CONFIG = """ward = "{ward}"
@@ -186,13 +188,17 @@ class Ward:
 def free_port() -> int:
     """Return a free TCP port on loopback, outside the range for outgoing connections.
 
-    A connection could otherwise take the port while the process that listens there is restarted.
+    A connection could otherwise take the port while the process that listens there is restarted. No other process is
+    given the port while this one runs.
     """
     while True:
-        port = secrets.choice(_LISTENING)  # not `random`: tests seed that alike
-        with socket.socket() as probe, contextlib.suppress(OSError):
-            probe.bind(("127.0.0.1", port))
+        port, place = secrets.choice(_LISTENING), socket.socket()  # not `random`: tests seed that alike
+        with contextlib.suppress(OSError):
+            place.bind(("127.0.0.1", port))
+            place.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # a server may listen beside it
+            _places.append(place)
             return port
+        place.close()
 
 
 def listens(endpoint: str, timeout_s: float) -> bool:

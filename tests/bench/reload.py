@@ -9,6 +9,7 @@ import contextlib
 import io
 import sys
 import tempfile
+import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -64,9 +65,14 @@ def measure(folder: Path, devices: int, speed: float) -> Outcome:
             wait("calibrations", lambda: _calibrated(watcher) >= _ENOUGH * (devices + 1), watcher, ward)
             subscriber = Subscriber(ward.endpoint, WARD, keep=True)
             outcome = Outcome()
+            deadline = time.monotonic() + 90.0
             for text, until in _changes(whole, going, ward, watcher):
                 ward.config.write_text(text, "utf-8")
-                outcome.said.append(_reloaded(ward.config))
+                code, said = _reloaded(ward.config)
+                # On a busy machine a program may take longer than the command waits for it.
+                while (code or not ("bridge-1:" in said and "estimator-1:" in said)) and time.monotonic() < deadline:
+                    code, said = _reloaded(ward.config)
+                outcome.said.append((code, said))
                 wait("the change", until, watcher, ward)
             subscriber.close()
     for name in stay:

@@ -83,6 +83,12 @@ class Listener(threading.Thread):
             if time.monotonic() > deadline:
                 raise DemoFailed(f"not all of {estimators} estimators are heard")
 
+    def has_all(self) -> bool:
+        """Whether the last sample that each device sent was heard."""
+        last = [(name, *list(device.sent.items())[-1]) for name, device in self._devices.items() if device.sent]
+        heard = [(self.history.heard.get((name, boot), ())[-1:], samples) for name, boot, samples in last]
+        return all(one and one[0].batch.sequence + len(one[0].batch) >= samples for one, samples in heard)
+
     def close(self) -> History:
         """Stop; what was heard."""
         self._over.set()
@@ -159,7 +165,7 @@ class Field:
         most = 0 if full else resource.RLIM_INFINITY
         pid = self.ward.pid(part)
         # Before Python has told the kernel that it would rather hear of it, such a limit ends the process.
-        if pid is not None and (not full or _ignores(pid, signal.SIGXFSZ)):
+        if pid is not None and (not full or ignores(pid, signal.SIGXFSZ)):
             resource.prlimit(pid, resource.RLIMIT_FSIZE, (most, resource.RLIM_INFINITY))
 
     # ---- what became of it ----------------------------------------------------------------------------------------
@@ -201,7 +207,7 @@ class Field:
             line.close()
 
 
-def _ignores(pid: int, number: signal.Signals) -> bool:
+def ignores(pid: int, number: signal.Signals) -> bool:
     lines = Path(f"/proc/{pid}/status").read_text(encoding="ascii").splitlines()
     ignored = next(int(line.split()[1], 16) for line in lines if line.startswith("SigIgn"))
     return bool(ignored >> (number - 1) & 1)

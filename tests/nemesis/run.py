@@ -17,7 +17,7 @@ from tests.nemesis.invariants import broken
 
 #: what is promised: whatever happened, so long after it every device is heard again
 RECOVERED_S = 5.0
-_BEGUN_S, _QUIET_S = 30.0, 2 * RECOVERED_S
+_BEGUN_S, _QUIET_S = 90.0, 2 * RECOVERED_S
 
 
 @dataclass(slots=True)
@@ -57,9 +57,12 @@ def run(seed: int, devices: int, lasts_s: float, estimators: int = 1, routers: i
                 found.append(str(error))
             for device in field.devices.values():
                 device.power_off()
-            time.sleep(2.5)  # what is on its way, and one more status
+            end_s = time.monotonic()
+            while not listener.has_all() and time.monotonic() < end_s + 30.0:
+                time.sleep(0.05)
+            time.sleep(2.5)  # one more status
             history = listener.close()
-            history.end_s -= 2.5
+            history.end_s = end_s
             field.ward.close()
             found += broken(history, field.truth, RECOVERED_S) + field.complaints()
         told = [f"{done.what} ({done.end_s - done.begin_s:.1f} s)" for done in history.done]

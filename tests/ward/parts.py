@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable
+from contextlib import closing
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,9 @@ from bridge.sim.virtual_device import DeviceSpec, VirtualDevice
 from bridge.wire.messages import CorrectedBatch, Quality
 from estimator.demo.subscribers import Subscriber, Watcher
 from estimator.demo.ward import WARD, Ward
+from estimator.service import history
+from estimator.service.history import History
+from estimator.service.store_reader import StoreReader
 from tests.sim.recorded_source import RecordedSource
 
 _SIMULATED = """
@@ -75,6 +79,12 @@ def until(program: str, true: Callable[[], bool], ward: Ward, timeout_s: float =
         ward.check()
         assert time.monotonic() < deadline, ward.log(program)
         time.sleep(0.1)
+
+
+def kept(ward: Ward, device: str) -> History:
+    """What the store has of a device now."""
+    with closing(StoreReader.reading(ward.folder / "truerate.sqlite3")) as store:
+        return history.read(store, device)
 
 
 def subscribers(ward: Ward, n: int = 3) -> list[Subscriber]:

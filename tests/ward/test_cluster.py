@@ -81,7 +81,7 @@ def test_a_router_that_was_away_leaves_every_device_with_one_estimator(ward: Sha
         ward.start(name)
     ward.until(lambda: ward.settled() and min(ward.split()) > 0 and ward.reached > 100)
     ward.listen(1.0)
-    epochs = {d: e for one in ward.running.values() for d, e in one.service._cluster.membership.held.items()}
+    epochs = {d: e for one in ward.running.values() for d, e in one.service._cluster.membership.held.copy().items()}
     place.stop()
     ward.listen(1.5)
     # A router that ends takes the line of one before that of the other, who takes its devices, and may still be heard.

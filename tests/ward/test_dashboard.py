@@ -7,9 +7,7 @@ import pytest
 from playwright.sync_api import Browser, Error, Page, expect
 
 from estimator.demo.ward import Ward
-from estimator.service import history
-from estimator.service.store_reader import StoreReader
-from tests.ward.parts import living
+from tests.ward.parts import kept, living, until
 from tests.web.asking import PASSWORD, PEOPLE
 from tests.web.conftest import OUT
 
@@ -27,9 +25,9 @@ def ward(tmp_path: Path) -> Iterator[Ward]:
 
 
 def test_a_ward_from_its_start(ward: Ward, browser: Browser) -> None:
-    expect.set_options(timeout=60_000)
     ward.start("dashboard")
     page = browser.new_page(viewport={"width": 1280, "height": 900}, base_url=f"http://{ward.page}")
+    page.set_default_timeout(60_000)
     _open(page, "/")
     expect(page.locator("#troubles")).to_contain_text("router is gone")
     ward.start("router", "estimator", "bridge")
@@ -80,9 +78,5 @@ def _as_a_nurse(ward: Ward, page: Page) -> None:
     page.get_by_role("textbox", name="Note").fill("sat up")
     page.get_by_role("button", name="Write it down").click()
     expect(page.locator("#notes")).to_contain_text("sat up")
-    store = StoreReader.reading(ward.folder / "truerate.sqlite3")
-    commands = history.read(store, NAME).commands
-    store.close()
-    assert [(row["verb"], row["who"]) for row in commands] == [
-        ("recalibrate", "nurse"), ("cancel", "nurse"), ("note", "nurse"),
-    ]  # fmt: skip
+    done = [("recalibrate", "nurse"), ("cancel", "nurse"), ("note", "nurse")]
+    until("estimator", lambda: [(row["verb"], row["who"]) for row in kept(ward, NAME).commands] == done, ward)

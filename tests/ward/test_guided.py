@@ -10,9 +10,8 @@ import pytest
 from playwright.sync_api import Browser, Page, expect
 
 from estimator.demo.ward import Ward
-from estimator.service import history
-from estimator.service.store_reader import StoreReader
 from tests.ward.hand import Hand, Table
+from tests.ward.parts import kept, until
 from tests.ward.test_dashboard import _open
 from tests.web.asking import PASSWORD, PEOPLE
 from tests.web.conftest import OUT
@@ -36,7 +35,6 @@ def ward(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Ward]:
 
 @pytest.fixture
 def page(ward: Ward, browser: Browser) -> Iterator[Page]:
-    expect.set_options(timeout=60_000)
     context = browser.new_context(base_url=f"http://{ward.page}")
     context.set_default_timeout(60_000)
     made = context.new_page()
@@ -46,7 +44,7 @@ def page(ward: Ward, browser: Browser) -> Iterator[Page]:
     assert "Traceback" not in ward.log("dashboard")
 
 
-def keep(page: Page, name: str) -> None:
+def picture(page: Page, name: str) -> None:
     OUT.mkdir(parents=True, exist_ok=True)
     page.screenshot(path=OUT / f"real-{name}.png", full_page=True)
 
@@ -58,7 +56,7 @@ def test_a_newcomer_from_the_ward_page_to_the_verdict(
     words = [sys.executable, "-m", "estimator.cli.main", "calibrate", "--live", NAME, "--config", str(ward.config)]
     told = tmp_path / "terminal"
     with told.open("wb") as out:
-        terminal = subprocess.Popen([*words, "--lang", "en", "--seconds", "100"], stdout=out, stdin=subprocess.DEVNULL)
+        terminal = subprocess.Popen([*words, "--lang", "en", "--seconds", "280"], stdout=out, stdin=subprocess.DEVNULL)
     request.addfinalizer(terminal.wait)
     request.addfinalizer(terminal.kill)  # before that
     while not told.stat().st_size:  # it says that nothing is heard of it: it listens
@@ -73,16 +71,15 @@ def test_a_newcomer_from_the_ward_page_to_the_verdict(
     expect(page.locator("#do")).to_have_text("Done: it is calibrated")
     took_s, lived_s = time.monotonic() - begin, port.device_time_s
     expect(page.locator("#rows tr")).to_have_count(3)
-    keep(page, "guide-done")
+    picture(page, "guide-done")
     steps = page.evaluate("window.seen")
-    # Each turn is asked for, followed and let rest, in this order; a page on a busy machine may pass over a step.
-    expected = iter(["turn", "turning", "settle"] * 3 + ["done"])
-    assert all(step in expected for step in steps if step in ("turn", "turning", "settle", "done")), steps
+    # In which order is for tests/web/test_guide.py: where the machine is busy, statuses come later than readings.
     assert {"turn", "turning", "settle", "done"} <= set(steps)
+    assert steps[-1] == "done"
     page.get_by_role("link", name="Certificate, to print").click()
     expect(page.locator(".verdict")).to_contain_text(f"{NAME}: accepted")
     assert page.locator(".figure").evaluate("picture => picture.decode().then(() => picture.naturalWidth)") > 1000
-    keep(page, "certificate")
+    picture(page, "certificate")
     assert terminal.wait(60) == 0
     # Of the steps before, a terminal on a busy machine may miss any: it hears one a second.
     assert "Done: it is calibrated" in told.read_text(encoding="utf-8")
@@ -99,7 +96,7 @@ def test_a_turn_that_fails_a_cancel_and_a_reboot(ward: Ward, page: Page) -> None
     expect(page.locator("#wrong")).to_contain_text("Turn the device once all the way round.")
     expect(do).to_have_text("Again: roll it over once, away from you")
     expect(page.locator('#turns [data-mark="done"] .axis-name')).to_have_text("z")
-    keep(page, "guide-failed")
+    picture(page, "guide-failed")
     hand.follow()
     expect(do).to_have_text("Done: it is calibrated")
     # Anew, as the nurse; cancelled in the middle of a turn: the calibration before stays.
@@ -112,7 +109,7 @@ def test_a_turn_that_fails_a_cancel_and_a_reboot(ward: Ward, page: Page) -> None
     page.get_by_role("button", name="Cancel").click()
     expect(do).to_have_text("Cancelled")
     expect(page.locator("#wrong")).to_contain_text("nurse cancelled the calibration.")
-    keep(page, "guide-cancelled")
+    picture(page, "guide-cancelled")
     # Again, and it loses its power with a turn done: said, and it goes on with the first turn by itself.
     hand.begin()
     hand.follow(turns=1)
@@ -120,17 +117,14 @@ def test_a_turn_that_fails_a_cancel_and_a_reboot(ward: Ward, page: Page) -> None
     table.reboot()
     expect(page.locator("#rebooted")).to_contain_text("The turns are lost.")
     expect(page.locator('#turns [data-mark="done"]')).to_have_count(0)  # until then the step is that before the reboot
-    keep(page, "guide-rebooted")
+    picture(page, "guide-rebooted")
     hand.follow()
     expect(do).to_have_text("Done: it is calibrated")
     expect(page.locator("#rebooted")).to_be_hidden()
-    store = StoreReader.reading(ward.folder / "truerate.sqlite3")
-    kept = history.read(store, OTHER)
-    store.close()
-    assert [(row["verb"], row["who"]) for row in kept.commands] == [
-        ("recalibrate", "nurse"), ("cancel", "nurse"), ("recalibrate", "nurse"),
-    ]  # fmt: skip
-    assert [c.verdict.name for c in kept.calibrations] == ["ACCEPTED", "ACCEPTED"]
+    done = [("recalibrate", "nurse"), ("cancel", "nurse"), ("recalibrate", "nurse")]
+    until("estimator", lambda: [(row["verb"], row["who"]) for row in kept(ward, OTHER).commands] == done, ward)
+    twice = ["ACCEPTED", "ACCEPTED"]
+    until("estimator", lambda: [c.verdict.name for c in kept(ward, OTHER).calibrations] == twice, ward)
 
 
 STEPS = """{

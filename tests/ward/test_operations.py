@@ -106,7 +106,9 @@ def it_is_well(running: Running, capsys: pytest.CaptureFixture[str]) -> None:
     code, seen = running.until_said(capsys, "is well", lambda code, _: code == 0)  # a busy machine may be in trouble
     assert (code, seen["tracking"], seen["devices"], seen["well"]) == (0, 1, 1, True)
     assert (seen["bridges"], seen["estimators"]) == (["bridge-1"], ["estimator-1"])
-    main(["status", "--config", str(running.ward.config)])
+    capsys.readouterr()
+    status = ["status", "--config", str(running.ward.config)]
+    wait("well", lambda: main(status) == 0, running.watcher, running.ward)
     assert "1 of 1 tracking" in capsys.readouterr().out
     assert main(["history", NAME, "--config", str(running.ward.config)]) == 0, "while the estimator writes"
     assert "accepted (closure)" in capsys.readouterr().out.replace("\n", " ")

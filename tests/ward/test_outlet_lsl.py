@@ -2,7 +2,6 @@
 
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -18,7 +17,7 @@ from estimator.demo.ward import WARD, Ward, free_port
 from tests.lsl import ahead_s, heard, inlet
 from tests.ward.parts import add_simulated, until
 
-pytestmark = [pytest.mark.ward, pytest.mark.xdist_group("ward 2"), pytest.mark.timeout(120)]
+pytestmark = [pytest.mark.ward, pytest.mark.xdist_group("ward 2"), pytest.mark.timeout(240)]
 PICTURE = Path(__file__).parents[2] / "docs/lsl_picture.py"
 NAMES = ["chest", "wrist"]
 #: a device that reads what the outlet sends
@@ -70,14 +69,14 @@ def test_streams_are_what_a_subscriber_gets(tmp_path: Path) -> None:
         ward.start("lsl")
         subscriber = Subscriber(ward.endpoint, WARD, keep=True)
         inlets = {
-            (name, kind): inlet(f"truerate/{WARD}/{name}/{kind}")
+            (name, kind): inlet(f"truerate/{WARD}/{name}/{kind}", 100.0)
             for name in NAMES
             for kind in ("rates", "quality", "orientation", "raw")
         }
         markers = inlet(f"truerate/{WARD}/markers")
         recorder = recorders.LabRecorder()
         sources = [{"source_id": f"truerate/{WARD}/{name}"} for name in ("chest/rates", "wrist/rates", "markers")]
-        recorder.start(file, sources, timeout=30.0)
+        recorder.start(file, sources, timeout=100.0)
 
         with Client(ward.endpoint, ward=WARD) as client:
             assert client.note("chest", "nurse", "sat up").accepted
@@ -95,10 +94,22 @@ def test_streams_are_what_a_subscriber_gets(tmp_path: Path) -> None:
             lambda: heard(markers, marked) and len({words.split()[0] for words, _ in marked if "reboot" in words}) == 2,
             ward,
         )
-        time.sleep(1.0)
+        until("lsl", lambda: file.read_bytes().count(b" reboot") == 2, ward)
         recorder.stop()
-        came = {which: one.pull_chunk(max_samples=10_000) for which, one in inlets.items()}
-        about = inlets["chest", "rates"].info(5.0)
+        parts: dict[tuple[str, str], list[tuple[np.ndarray, np.ndarray]]] = {which: [] for which in inlets}
+        came = dict[tuple[str, str], tuple[np.ndarray, np.ndarray]]()
+
+        def all_rebooted() -> bool:
+            for which, one in inlets.items():
+                values, stamps = one.pull_chunk(max_samples=10_000)
+                parts[which] += [(values, stamps)] if len(stamps) else []
+                if not parts[which]:
+                    return False
+                came[which] = np.concatenate([v for v, _ in parts[which]]), np.concatenate([t for _, t in parts[which]])
+            return all((np.diff(came[name, "quality"][0][:, 2]) != 1).any() for name in NAMES)
+
+        until("lsl", all_rebooted, ward)
+        about = inlets["chest", "rates"].info(60.0)
         subscriber.close()
         check_mirror(copied, read)
         boots = {name: [boot for device, boot in subscriber.batches if device == name] for name in NAMES}

@@ -143,7 +143,6 @@ def test_a_page_elsewhere_shows_the_ward(ward: Ward, heard: Subscriber, browser:
     server = ThreadingHTTPServer(("localhost", PAGE), partial(Quiet, directory=str(EXAMPLES)))
     threading.Thread(target=server.serve_forever, daemon=True).start()
     page = browser.new_page()
-    expect.set_options(timeout=30_000)
     page.goto(f"http://localhost:{PAGE}/stream.html?url=http://{ward.page}&hz=50")
     for name in NAMES:
         expect(page.locator(f"#of-{name}")).to_be_visible()

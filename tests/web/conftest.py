@@ -126,7 +126,7 @@ class Look:
         for scheme, width, height in ways if axe or self._pictures else ():
             page.emulate_media(color_scheme=scheme)
             page.set_viewport_size({"width": width, "height": height})
-            assert page.evaluate("document.documentElement.scrollWidth") <= width, f"the page is wider than {width}"
+            page.wait_for_function(f"document.documentElement.scrollWidth <= {width}")  # charts follow a frame later
             if self._pictures and name:
                 page.screenshot(path=OUT / f"{name}-{scheme}-{width}.png", full_page=width == 320)
             if axe:

@@ -16,7 +16,7 @@ from websockets.sync.client import connect
 from estimator.demo.ward import free_port
 
 T = TypeVar("T")
-_PATIENCE_S = 30.0
+_PATIENCE_S = 60.0
 
 
 class Firefox:

@@ -57,7 +57,7 @@ def test_equal_requests_share_an_answer_and_what_nobody_waits_for_is_not_made() 
     made, may_end = list[str](), threading.Event()
 
     def make(key: str) -> str:
-        may_end.wait(5)
+        may_end.wait(60)
         made.append(key)
         return key
 
@@ -69,18 +69,16 @@ def test_equal_requests_share_an_answer_and_what_nobody_waits_for_is_not_made() 
             for n, one in enumerate(clients)
         ]
         same = asyncio.create_task(work.get(Left().request, "0", lambda: make("0 again")))
-        await asyncio.sleep(0.05)
+        await asyncio.sleep(0)  # all of them ask
         with pytest.raises(Fault) as full:
             await work.get(Left().request, "more", lambda: make("more"))
         assert full.value.status is HTTPStatus.SERVICE_UNAVAILABLE
         for one in clients[1:]:
             one.left.set()
-        await asyncio.sleep(0.05)
+        assert {type(one) for one in await asyncio.gather(*asked[1:], return_exceptions=True)} == {Fault}
         more = asyncio.create_task(work.get(Left().request, "more", lambda: make("more")))
-        await asyncio.sleep(0.05)
         may_end.set()
         assert list(await asyncio.gather(asked[0], same, more)) == ["0", "0", "more"]
-        assert {type(one) for one in await asyncio.gather(*asked[1:], return_exceptions=True)} == {Fault}
         assert await work.get(Left().request, "0", lambda: make("late")) == "0"
 
     asyncio.run(ask())
@@ -96,6 +94,7 @@ def test_abandoned_pictures_are_not_drawn(site: Site, monkeypatch: pytest.Monkey
         return b"png"
 
     monkeypatch.setattr(report_pages, "_drawn", slowly)
+    site.talk.hush()  # what is said again would be more points
     now_ns = time.time_ns()
     for n in range(30):
         for second in (0, 1):
@@ -113,7 +112,7 @@ def test_abandoned_pictures_are_not_drawn(site: Site, monkeypatch: pytest.Monkey
     monkeypatch.setattr(site.server.desk.pictures, "get", counted)
     port = int(site.url.rpartition(":")[2])
     for n in range(120):
-        with socket.create_connection(("127.0.0.1", port), 5) as asks:
+        with socket.create_connection(("127.0.0.1", port), 60) as asks:
             asks.sendall(f"GET /devices/d{n % 30:02d}/bias.png HTTP/1.1\r\nHost: localhost\r\n\r\n".encode())
     until(lambda: len(ended) >= 120)
     may_end.set()
@@ -146,7 +145,7 @@ def test_a_stored_list_is_read_once_for_many_requests(tmp_path: Path, monkeypatc
     site.talk(said("chest", boot=5))
     until(lambda: "chest" in site.server.desk.known.stories)
     for _ in range(10):
-        with urllib.request.urlopen(f"{site.url}/api/v1/devices/chest/calibrations", timeout=10) as answer:
+        with urllib.request.urlopen(f"{site.url}/api/v1/devices/chest/calibrations", timeout=60) as answer:
             assert answer.status == 200
     site.stop()
     assert len(read) == 1

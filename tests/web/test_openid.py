@@ -63,7 +63,7 @@ def back(browser: httpx.Client, site: Site, sub: str) -> str:
 
 @pytest.mark.parametrize(("sub", "name", "administrator"), [("1", "joy", False), ("2", "root", True)])
 def test_a_group_gives_a_role(site: Site, sub: str, name: str, administrator: bool) -> None:
-    with httpx.Client() as browser:
+    with httpx.Client(timeout=60) as browser:
         came = browser.get(back(browser, site, sub))
         assert came.status_code == 200
         assert 'content="0; url=/report"' in came.text
@@ -74,7 +74,7 @@ def test_a_group_gives_a_role(site: Site, sub: str, name: str, administrator: bo
 
 
 def test_a_change_of_people_here_does_not_end_it(site: Site) -> None:
-    with httpx.Client() as browser:
+    with httpx.Client(timeout=60) as browser:
         browser.get(back(browser, site, "1"))
         site.server.desk.use(Dashboard(openid=site.server.desk.settings.openid), site.server.desk.treatment)
         assert "<span>joy</span>" in browser.get(f"{site.url}/").text
@@ -82,13 +82,13 @@ def test_a_change_of_people_here_does_not_end_it(site: Site) -> None:
 
 def test_who_has_no_role_or_no_usable_name_is_not_let_in(site: Site) -> None:
     for sub, code in (("3", 403), ("4", 502)):
-        with httpx.Client() as browser:
+        with httpx.Client(timeout=60) as browser:
             assert browser.get(back(browser, site, sub)).status_code == code
             assert 'name="csrf"' not in browser.get(f"{site.url}/").text
 
 
 def test_what_another_browser_began_is_not_finished(site: Site) -> None:
-    with httpx.Client() as one, httpx.Client() as another:
+    with httpx.Client(timeout=60) as one, httpx.Client(timeout=60) as another:
         address = back(one, site, "1")
         assert another.get(address).status_code == 502
         assert one.get(address).status_code == 200
@@ -98,15 +98,15 @@ def test_what_another_browser_began_is_not_finished(site: Site) -> None:
 
 def test_a_token_of_another_issuer_is_refused(issuer: str, tmp_path: Path) -> None:
     site = served(openid=settings(f"{issuer}/", tmp_path))
-    with httpx.Client() as browser:
+    with httpx.Client(timeout=60) as browser:
         assert browser.get(back(browser, site, "1")).status_code == 502
     site.stop()
 
 
 def test_a_provider_that_does_not_answer_leaves_passwords(tmp_path: Path) -> None:
     site = served(openid=settings(f"http://localhost:{free_port()}", tmp_path))
-    assert httpx.get(f"{site.url}/openid/login").status_code == 502
-    assert 'name="password"' in httpx.get(f"{site.url}/login").text
+    assert httpx.get(f"{site.url}/openid/login", timeout=60).status_code == 502
+    assert 'name="password"' in httpx.get(f"{site.url}/login", timeout=60).text
     site.stop()
 
 

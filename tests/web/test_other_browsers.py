@@ -17,7 +17,7 @@ from tests.web.talk import said
 from tests.web.test_browser import now_ns, rates, ward
 from tests.web.test_guide import DONE, PLACE, rests_between, turn
 
-pytestmark = [pytest.mark.xdist_group("browser"), pytest.mark.timeout(120)]
+pytestmark = [pytest.mark.xdist_group("browser"), pytest.mark.timeout(300)]
 
 
 @pytest.fixture(params=[Firefox, WebKit])
@@ -31,7 +31,7 @@ def other(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Firefox | 
 
 def until(browser: Firefox | WebKit, expression: str, wanted: Any) -> None:
     """Until an expression has this value."""
-    end, found = time.monotonic() + 20, None
+    end, found = time.monotonic() + 60, None
     while time.monotonic() < end:
         if (found := browser.evaluate(expression)) == wanted:
             return

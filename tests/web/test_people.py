@@ -217,7 +217,7 @@ def let_in(port: int, name: str, password: str) -> bool:
         return False
 
 
-def until(met: Callable[[], bool], seconds: float = 30.0) -> bool:
+def until(met: Callable[[], bool], seconds: float = 60.0) -> bool:
     end = time.monotonic() + seconds
     while not (there := met()) and time.monotonic() < end:
         time.sleep(0.3)

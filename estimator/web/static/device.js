@@ -98,10 +98,10 @@ function trace(data) {
 // Signals and receipts are asked for while somebody looks at them.
 const asked = { signals: [[`trace/${id}`, trace], [`trail/${id}`, past]], engineering: [[spoken(`receipts/${id}`), receipts]] };
 for (const depth of document.querySelectorAll("details.depth")) {
-  depth.addEventListener("toggle", () => {
-    for (const [topic, take] of asked[depth.id]) depth.open ? watch(topic, take) : unwatch(topic);
-  });
-  depth.open = location.hash === `#${depth.id}`;
+  const look = () => { for (const [topic, take] of asked[depth.id]) depth.open ? watch(topic, take) : unwatch(topic); };
+  depth.open ||= location.hash === `#${depth.id}`; // somebody may have opened it before this script ran
+  depth.addEventListener("toggle", look);
+  look();
 }
 
 let due = false;

@@ -51,9 +51,10 @@ class Feed:
         batches = drain() if self.settled.is_set() else await asyncio.to_thread(drain)
         self.kept.add(batches)
         if not self.settled.is_set():
-            self._caught_up_s = min(self._caught_up_s, now) if caught_up else float("inf")
             if now - self._caught_up_s >= SETTLE_S:
                 self.settled.set()
+            # The reorder buffer begins to hold when it is drained, which may be long after `now`.
+            self._caught_up_s = min(self._caught_up_s, time.monotonic()) if caught_up else float("inf")
         if batches:
             for reader in self.readers:
                 reader.news.set()

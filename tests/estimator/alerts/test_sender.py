@@ -60,7 +60,7 @@ def test_a_ward_that_is_lost_is_one_message(hook: Hook, tmp_path: Path, monkeypa
     made.use(Alerts(urls_file=str(file), language="zh"))  # the ward file is changed
     for n in range(20):
         made.put(f"d{n}", Placement("humerus", "left", "bed-3"), LOST)
-    until = time.monotonic() + 20
+    until = time.monotonic() + 60
     while not hook.told and time.monotonic() < until:
         time.sleep(0.05)
     made.close()

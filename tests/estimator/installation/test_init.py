@@ -170,7 +170,7 @@ def days_left(port: int, folder: Path) -> int:
     return int((ends - time.time()) // 86400)
 
 
-def wait(met: Callable[[], bool], seconds: float = 30.0) -> bool:
+def wait(met: Callable[[], bool], seconds: float = 60.0) -> bool:
     end = time.monotonic() + seconds
     while not (there := met()) and time.monotonic() < end:
         time.sleep(0.3)

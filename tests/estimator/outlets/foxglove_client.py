@@ -1,6 +1,7 @@
 """A client of Foxglove's WebSocket protocol, written from its specification (foxglove/ws-protocol, docs/spec.md)."""
 
 import json
+import re
 import struct
 import time
 from typing import Any, NamedTuple, Self
@@ -31,6 +32,7 @@ class FoxgloveClient:
         self.answers: dict[int, Any] = {}
         self.failures: list[str] = []
         self._topics: list[str] = []
+        self._numbers: dict[int, int] = {}  # of the subscription to each channel
 
     def receive(self, timeout_s: float) -> Received | None:
         """The next message of a channel; None when none comes in time."""
@@ -52,25 +54,28 @@ class FoxgloveClient:
 
     def _told(self, said: dict[str, Any]) -> None:
         if said["op"] == "advertise":
-            wanted = []
             for channel in said["channels"]:
-                wanted.append({"id": len(self._topics), "channelId": channel["id"]})
+                self._numbers[channel["id"]] = len(self._topics)
                 self._topics.append(channel["topic"])
                 self.channels[channel["topic"]] = channel
-            time.sleep(0.02)  # foxglove-sdk 0.30 knows a channel only a moment after it has told of it
-            self._socket.send(json.dumps({"op": "subscribe", "subscriptions": wanted}))
+                self._subscribe(channel["id"])
+        elif said["op"] == "status" and (unknown := re.fullmatch(r"Unknown channel ID: (\d+)", said["message"])):
+            self._subscribe(int(unknown[1]))  # foxglove-sdk 0.30 knows a channel only a moment after it has told of it
         elif said["op"] == "advertiseServices":
             self.services |= {one["name"]: one["id"] for one in said["services"]}
         elif said["op"] == "serviceCallFailure":
             self.failures.append(said["message"])
 
-    def call(self, service: str, request: dict[str, Any], timeout_s: float = 5.0) -> Any:
+    def _subscribe(self, channel: int) -> None:
+        wanted = [{"id": self._numbers[channel], "channelId": channel}]
+        self._socket.send(json.dumps({"op": "subscribe", "subscriptions": wanted}))
+
+    def call(self, service: str, request: dict[str, Any]) -> Any:
         """Call a service with JSON; its answer."""
         number, encoding = len(self.answers) + 1, b"json"
         head = struct.pack("<BIII", SERVICE_REQUEST, self.services[service], number, len(encoding))
         self._socket.send(head + encoding + json.dumps(request).encode())
-        deadline = time.monotonic() + timeout_s
-        while number not in self.answers and time.monotonic() < deadline:
+        while number not in self.answers:
             self.receive(0.05)
         return self.answers[number]
 

@@ -83,7 +83,7 @@ def test_a_device_that_is_gone_when_the_estimator_starts_is_lost(
     tmp_path: Path, once: Stream, monkeypatch: pytest.MonkeyPatch, ended: str
 ) -> None:
     monkeypatch.setattr("tests.estimator.memory_ward.Service", partial(Service, alerts=Alerts(hold_s={"lost": 0.0})))
-    monkeypatch.setattr("tests.estimator.memory_ward.SETTINGS", Estimator(id="e1", silence_s=2.0))
+    monkeypatch.setattr("tests.estimator.memory_ward.SETTINGS", Estimator(id="e1", silence_s=50.0))
     monkeypatch.setattr("estimator.service.run_loop.MISSING_S", 0.0)
     ward = Ward(tmp_path)
     most = len(once) - 60
