@@ -26,11 +26,6 @@ class Cut(NamedTuple):
         return self.end - self.first
 
     @property
-    def sequence(self) -> int:
-        """Sequence number of the first sample."""
-        return self.samples.sequence + self.first
-
-    @property
     def header(self) -> tuple[int, int, int, float, float, bytes]:
         """Header of the cut for the wire's encoders.
 

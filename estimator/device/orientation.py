@@ -28,11 +28,11 @@ def oriented(due: Sequence[tuple[Attitude, Cut]], *, every: bool = False) -> lis
     `orient`.
     """
     new, rows = list[tuple[Attitude, Cut]](), list[tuple[Attitude, Floats, Floats]]()
-    for attitude, (samples, correction, first, end) in due:
+    for attitude, (samples, correction, begin, end) in due:
         state, next_ = attitude.state, int(attitude.state.item(NEXT))
         if samples.sequence + end <= next_:
             continue
-        first = max(first, next_ - samples.sequence)
+        first = max(begin, next_ - samples.sequence)
         if not next_:
             state[ZERO] = samples.sequence + first
         state[NEXT] = samples.sequence + end
