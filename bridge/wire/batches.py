@@ -4,7 +4,6 @@ Uses the twin messages in columns.proto, where a packed column is a `bytes` fiel
 speed.
 """
 
-from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -25,7 +24,7 @@ MAX_CELSIUS = 500.0
 MAX_STD = 1e6
 MAX_SEQUENCE = 2**62
 #: fields of a corrected batch that describe its correction, (3,) each
-TOLD = ("noise_std", "bias_std", "scale_std", "cross_std", "bias", "flicker_std")
+TOLD = ("noise_std", "bias_std", "flicker_std", "scale_std", "cross_std", "bias")
 #: packed (3,) zeros, for a message without the column
 _NOT_SAID = bytes(12)
 _KNOWN_FLAGS = sum(SampleFlag)
@@ -79,7 +78,7 @@ def decode_samples(key: str, payload: bytes) -> SampleBatch:
 def encode_corrected(batch: CorrectedBatch) -> bytes:
     """Encode a CorrectedBatch as protobuf bytes, the payload of corrected/<device>."""
     encoder = CorrectedEncoder(batch.device, batch.epoch)
-    encoder.corrected_by(batch.quality, batch.calibration, {name: getattr(batch, name) for name in TOLD})
+    encoder.corrected_by(batch.quality, batch.calibration, np.array([getattr(batch, name) for name in TOLD]))
     clock = batch.start_time_ns, batch.tick_period_s, batch.clock_rate
     ticks, rate = column_of(batch.ticks, UINT64), column_of(batch.rate, FLOAT)
     return encoder.encode(batch.boot, batch.sequence, *clock, ticks, rate, packed_flags(batch.flags))
@@ -94,16 +93,17 @@ class CorrectedEncoder:
     def __init__(self, device: str, epoch: int = 0) -> None:
         self._message = columns.CorrectedBatch(version=VERSION, device=device, epoch=epoch)
 
-    def corrected_by(self, quality: Quality, calibration: str, told: Mapping[str, Float32s]) -> None:
+    def corrected_by(self, quality: Quality, calibration: str, told: Float32s) -> None:
         """Set quality, calibration id and uncertainties of all following messages.
 
-        told: uncertainties and bias, a (3,) float32 array for each name in TOLD, in the units of CorrectedBatch.
+        told (6, 3): uncertainties and bias, a row for each name in TOLD, in the units of CorrectedBatch.
         """
         message = self._message
         message.quality = int(quality)
         message.calibration = clean(calibration, validation.MAX_NAME)
-        for name in TOLD:
-            setattr(message, name, column_of(told[name], FLOAT))
+        packed = column_of(told, FLOAT)
+        for i, name in enumerate(TOLD):
+            setattr(message, name, packed[12 * i : 12 * i + 12])
 
     def encode(
         self,

@@ -104,7 +104,7 @@ class Stages:
         std = still.gyro.std(axis=0, ddof=1)
         start, end = float(still.time[0]), float(still.time[-1])
         mean, step = still.gyro.mean(axis=0), least_step(still.gyro)
-        return Rest(start, end, mean, std, step, len(still), accel, accel_std, wander=wander(still.gyro))
+        return Rest(start, end, mean, std, step, len(still), accel, accel_std, wander=wander(still.gyro, step))
 
     def movement(self, before: Rest, after: Rest) -> Movement:
         """Movement between two rests, with its samples and `margin_s` of either rest, at most half of that rest."""
@@ -136,9 +136,10 @@ def without_creep(still: Samples, *, goes_on: bool = False) -> Samples:
     return still.part(slice(begin * size, last))
 
 
-def wander(gyro: Floats) -> Floats:
+def wander(gyro: Floats, step: Floats) -> Floats:
     """Error (3,) rad/s of the mean of a rest (n, 3) from wandering beyond white noise; mostly 0.
 
+    step (3,): rounding step of its readings, rad/s.
     Estimated from the scatter of eight piece means about a straight line: a bias that drifts with warming does not
     count as wandering. White noise is mistaken for wandering once in 1e4.
     """
@@ -149,5 +150,5 @@ def wander(gyro: Floats) -> Floats:
     line = np.column_stack([np.ones(8), np.arange(8.0)])
     means = pieces.mean(axis=1)
     of_means = np.sum((means - line @ np.linalg.lstsq(line, means, rcond=None)[0]) ** 2, axis=0) / 6
-    white = np.maximum(pieces.var(axis=1, ddof=1).mean(axis=0), least_step(gyro) ** 2 / 12) / n
+    white = np.maximum(pieces.var(axis=1, ddof=1).mean(axis=0), step**2 / 12) / n
     return np.where(of_means > _WHITE * white, np.sqrt(of_means / 8), 0.0)

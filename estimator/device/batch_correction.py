@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bridge.wire.batches import MAX_CORRECTED
+from bridge.wire.batches import MAX_CORRECTED, TOLD
 from bridge.wire.messages import CorrectedBatch, SampleFlag
 from estimator.device.correction import Correction
 from estimator.kernels.samples import corrected
@@ -26,28 +26,14 @@ class Cut(NamedTuple):
         return self.end - self.first
 
     @property
-    def sequence(self) -> int:
-        """Sequence number of the first sample."""
-        return self.samples.sequence + self.first
-
-    @property
-    def start_time_ns(self) -> int:
-        """Host time of the first sample, ns since the Unix epoch."""
-        return self.samples.places.item(self.first, HOST_NS)
-
-    @property
-    def ticks(self) -> bytes:
-        """Device times of the samples in ticks (uint64), packed as on the wire."""
-        return self.samples.ticks[8 * self.first : 8 * self.end]
-
-    @property
     def header(self) -> tuple[int, int, int, float, float, bytes]:
         """Header of the cut for the wire's encoders.
 
         Boot id, sequence number and host time (ns) of the first sample, tick period (s), clock rate, and packed ticks.
         """
-        samples = self.samples
-        return samples.boot, self.sequence, self.start_time_ns, samples.tick_period_s, samples.clock_rate, self.ticks
+        samples, _, first, end = self
+        place = samples.boot, samples.sequence + first, samples.places.item(first, HOST_NS)
+        return *place, samples.tick_period_s, samples.clock_rate, samples.ticks[8 * first : 8 * end]
 
 
 #: corrected rates (n, 3) float32 and flags (n,) uint32, packed as on the wire; flags are empty when none is set
@@ -81,18 +67,19 @@ def correct(cuts: Sequence[Cut]) -> list[Rates]:
 
 def batch_of(cut: Cut, rates: Rates) -> CorrectedBatch:
     """Message with the corrected samples of a cut; rates: its element of the result of `correct`."""
-    samples, correction, (rate, flags) = cut.samples, cut.correction, rates
+    boot, sequence, start_time_ns, tick_period_s, clock_rate, ticks = cut.header
+    correction, (rate, flags) = cut.correction, rates
     return CorrectedBatch(
-        device=samples.device,
-        boot=samples.boot,
-        sequence=cut.sequence,
-        start_time_ns=cut.start_time_ns,
-        tick_period_s=samples.tick_period_s,
-        clock_rate=samples.clock_rate,
-        ticks=np.frombuffer(cut.ticks, np.uint64),
+        device=cut.samples.device,
+        boot=boot,
+        sequence=sequence,
+        start_time_ns=start_time_ns,
+        tick_period_s=tick_period_s,
+        clock_rate=clock_rate,
+        ticks=np.frombuffer(ticks, np.uint64),
         rate=np.frombuffer(rate, np.float32).reshape(-1, 3),
         flags=np.frombuffer(flags or bytes(4 * cut.n), np.uint32),
         quality=correction.quality,
-        **correction.told._asdict(),
+        **dict(zip(TOLD, correction.told, strict=True)),
         calibration=correction.calibration,
     )

@@ -2,37 +2,24 @@
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.wire.batches import MAX_RATE, MAX_STD
+from bridge.wire.batches import MAX_RATE, MAX_STD, TOLD
 from bridge.wire.messages import Calibration, Quality
 from estimator.geometry.gyro_model import AXES, GyroModel, PriorKnobs, uncalibrated
 from estimator.orientation.attitude import known
 from estimator.state import Floats, shaped
 
 Float32s = NDArray[np.float32]
-#: range of each row of PublishedCorrection on the wire; a row that is not a number becomes the largest
-_MOST = np.array([[MAX_STD], [MAX_STD], [MAX_STD], [MAX_STD], [MAX_RATE], [MAX_STD]], np.float32)
-_LEAST = np.array([[0.0], [0.0], [0.0], [0.0], [-MAX_RATE], [0.0]], np.float32)
+#: range of each row of `Correction.told` on the wire; a row that is not a number becomes the largest
+_MOST = np.array([[MAX_RATE if name == "bias" else MAX_STD] for name in TOLD], np.float32)
+_LEAST = np.array([[-MAX_RATE if name == "bias" else 0.0] for name in TOLD], np.float32)
 #: m/s², bias of an accelerometer of which gravity has taught nothing yet
 _ACCEL_STD = 0.05
-
-
-class PublishedCorrection(NamedTuple):
-    """Parameters published with every CorrectedBatch, (3,) each: standard deviations of the rate's errors, and bias.
-
-    noise_std, bias_std, flicker_std: rad/s. scale_std, cross_std: relative. bias: of the reading, rad/s.
-    """
-
-    noise_std: Float32s
-    bias_std: Float32s
-    scale_std: Float32s
-    cross_std: Float32s
-    bias: Float32s
-    flicker_std: Float32s
+#: bias, m/s², and scale of an accelerometer that is not calibrated
+_AS_READ = np.repeat([0.0, 1.0], 3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,16 +43,17 @@ class Correction:
     accel: Floats | None = None
 
     @cached_property
-    def told(self) -> PublishedCorrection:
-        """Parameters to publish, limited to the wire's range.
+    def told(self) -> Float32s:
+        """Parameters published with every CorrectedBatch, (6, 3), limited to the wire's range; the rows are named by TOLD.
 
-        Every batch with this correction shares the same arrays.
+        Standard deviations of the rate's errors by noise, bias and flicker, rad/s; of scale and misalignment, relative;
+        and the bias of the reading, rad/s.
         """
-        model, of_reading, rows = self.model, np.empty((3, 3)), np.empty((6, 3), np.float32)
-        of_reading[0], of_reading[1], of_reading[2] = model.noise_std, self.bias_std, self.flicker
-        rows[0], rows[1], rows[5] = model.corrected_std(of_reading)
-        rows[2], rows[3], rows[4] = model.scale_std, model.cross_std, model.bias
-        return PublishedCorrection(*np.fmax(_LEAST, np.fmin(_MOST, rows)))
+        model, rows = self.model, np.empty((6, 3))
+        rows[0], rows[1], rows[2] = model.noise_std, self.bias_std, self.flicker
+        rows[:3] = model.corrected_std(rows[:3])
+        rows[3], rows[4], rows[5] = model.scale_std, model.cross_std, model.bias
+        return np.fmax(_LEAST, np.fmin(_MOST, rows.astype(np.float32)))
 
     @cached_property
     def parameters(self) -> Floats:
@@ -75,9 +63,11 @@ class Correction:
     @cached_property
     def known(self) -> Floats:
         """Sensor parameters that the orientation needs, packed as (38,): see `orientation.attitude.known`."""
-        model, accel, std = self.model, np.repeat([0.0, 1.0], 3), np.repeat([*self.model.cross_std, _ACCEL_STD], 3)
-        std[:9:4] = model.scale_std
-        if self.taught is not None:
+        model, accel = self.model, _AS_READ
+        if self.taught is None:
+            std = np.repeat([*model.cross_std, _ACCEL_STD], 3)
+            std[:9:4] = model.scale_std
+        else:
             change, std = self.taught[:9].reshape(3, 3), self.taught[9:]
             model = replace(model, matrix=model.matrix + change @ model.matrix)
         if self.accel is not None:

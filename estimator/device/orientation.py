@@ -6,6 +6,7 @@ from typing import NamedTuple
 from estimator.device.batch_correction import Cut
 from estimator.kernels.orientation import NEXT, ZERO
 from estimator.orientation.attitude import Attitude, Oriented, orient
+from estimator.state import Floats
 
 
 class OrientedCut(NamedTuple):
@@ -26,21 +27,19 @@ def oriented(due: Sequence[tuple[Attitude, Cut]], *, every: bool = False) -> lis
     samples are batched. Samples that an attitude restored from a checkpoint has seen already are left out. every: see
     `orient`.
     """
-    new, begun = list[tuple[Attitude, Cut]](), list[tuple[Attitude, Cut]]()
-    for attitude, cut in due:
-        seen = int(attitude.state.item(NEXT)) - cut.sequence
-        if seen < cut.n:
-            new.append((attitude, cut._replace(first=cut.first + seen) if seen > 0 else cut))
-            if seen == -cut.sequence and not attitude.begun:
-                begun.append(new[-1])
-    rows = [(attitude, cut.samples.rows[cut.first : cut.end], cut.correction.known) for attitude, cut in new]
+    new, rows = list[tuple[Attitude, Cut]](), list[tuple[Attitude, Floats, Floats]]()
+    for attitude, (samples, correction, begin, end) in due:
+        state, next_ = attitude.state, int(attitude.state.item(NEXT))
+        if samples.sequence + end <= next_:
+            continue
+        first = max(begin, next_ - samples.sequence)
+        if not next_:
+            state[ZERO] = samples.sequence + first
+        state[NEXT] = samples.sequence + end
+        new.append((attitude, Cut(samples, correction, first, end)))
+        rows.append((attitude, samples.rows[first:end], correction.known))
     found = orient(rows, every=every)
-    for attitude, cut in reversed(begun):
-        attitude.state[ZERO] = cut.sequence
-    for attitude, cut in new:
-        attitude.state[NEXT] = cut.sequence + cut.n
-    return [OrientedCut(cut, attitudes, _zero(attitude)) for (attitude, cut), attitudes in zip(new, found, strict=True)]
-
-
-def _zero(attitude: Attitude) -> tuple[int, str]:
-    return int(attitude.state[ZERO]), attitude.zero
+    return [
+        OrientedCut(cut, attitudes, (int(attitude.state.item(ZERO)), attitude.zero))
+        for (attitude, cut), attitudes in zip(new, found, strict=True)
+    ]

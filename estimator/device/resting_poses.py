@@ -33,32 +33,36 @@ class RestingPoses:
     """Longest rest of a boot in each pose, gathered second by second, and the accelerometer calibration by them."""
 
     def __init__(self) -> None:
-        self._poses, self._rest = np.empty((0, 5)), np.zeros(6)
+        self._poses, self._rest = np.empty((0, 5)), [0.0] * 6
         #: calibration by the poses so far, accepted or not; None before the first
         self.found: AccelerometerCalibration | None = None
 
     @property
     def state(self) -> PosesState:
         """State to save for `restore`."""
-        return PosesState(self._poses, self._rest)
+        return PosesState(self._poses, np.array(self._rest))
 
     def restore(self, state: PosesState) -> None:
         """Restore a saved state, and calibrate by its poses. Raises ValueError for a damaged one."""
         shaped(state.poses, -1, 5, finite=True)
         shaped(state.rest, 6, finite=True)
-        self._poses, self._rest = state.poses, state.rest
+        self._poses, self._rest = state.poses, state.rest.tolist()
         self._calibrate()
 
     def take(self, second: Second) -> None:
         """Add the next second: a still one with an accelerometer lengthens the rest in progress, any other ends it."""
-        mean, std = second.accel_mean, second.accel_std
-        if mean is None or std is None or second.flaw or not second.still:
+        if second.accel_mean is None or second.accel_std is None or second.flaw or not second.still:
             self.end_rest()
             return
-        if self._rest[0] and np.abs(self._rest[3:] / self._rest[1] - mean).max() > _CREEP:
+        n, mean, (x, y, z) = second.samples, second.accel_mean.tolist(), second.accel_std.tolist()
+        before = self._rest
+        if before[0] and any(
+            abs(total / before[1] - now) > _CREEP for total, now in zip(before[3:], mean, strict=True)
+        ):
             self.end_rest()
-        n = second.samples
-        self._rest = np.add(self._rest, [second.end - second.start, n, n * np.mean(std**2), *(n * mean)])
+        # For six numbers plain Python is faster than NumPy.
+        more = second.end - second.start, n, n * ((x * x + y * y + z * z) / 3), *(n * now for now in mean)
+        self._rest = [total + one for total, one in zip(self._rest, more, strict=True)]
 
     def end_rest(self) -> None:
         """End the rest in progress, if any, and calibrate again if it adds a pose or is the longest in its pose.
@@ -67,7 +71,8 @@ class RestingPoses:
         """
         if not self._rest[0]:
             return
-        (length, n, var), mean, self._rest = self._rest[:3].tolist(), self._rest[3:] / self._rest[1], np.zeros(6)
+        (length, n, var, *total), self._rest = self._rest, [0.0] * 6
+        mean = np.array(total) / n
         strength, known = float(np.linalg.norm(mean)), self._poses[:, 2:]
         if length < _REST_S or not LEAST_GRAVITY < strength < MOST_GRAVITY:
             return

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from bridge.wire.batches import TOLD
 from bridge.wire.messages import WindowBatch
 from estimator.device.correction import Correction
 from estimator.geometry.gyro_model import Floats, corrected
@@ -76,7 +77,7 @@ def windows(seconds: Sequence[Second]) -> list[WindowBatch]:
                 columns[7, a:b],
                 quality=second.applied.quality,
                 calibration=second.applied.calibration,
-                **second.applied.told._asdict(),
+                **dict(zip(TOLD, second.applied.told, strict=True)),
             )
         )
     return found

@@ -174,15 +174,15 @@ def orient(due: Sequence[tuple[Attitude, Floats, Floats]], *, every: bool = Fals
 
 
 def _carry(due: Sequence[tuple[Attitude, Floats, Floats]], trace: Floats, *, every: bool) -> list[Oriented]:
-    attitudes = list({id(attitude): attitude for attitude, _, _ in due}.values())
-    places = {id(attitude): i for i, attitude in enumerate(attitudes)}
-    states = np.concatenate([attitude.state for attitude in attitudes]).reshape(-1, loop.SIZE)
+    places = dict[Attitude, int]()
+    which = np.array([places.setdefault(attitude, len(places)) for attitude, _, _ in due])
+    states = np.concatenate([attitude.state for attitude in places]).reshape(-1, loop.SIZE)
     rows = np.concatenate([rows for _, rows, _ in due])
     counts = np.array([len(rows) for _, rows, _ in due])
     out, cov = np.empty((len(rows), loop.WIDTH)), np.empty((len(rows) if every else len(due), 6))
     loop.carried(
         states,
-        np.array([places[id(attitude)] for attitude, _, _ in due]),
+        which,
         rows,
         counts,
         np.concatenate([known for _, _, known in due]).reshape(-1, loop.KNOWN),
@@ -191,9 +191,9 @@ def _carry(due: Sequence[tuple[Attitude, Floats, Floats]], trace: Floats, *, eve
         cov,
         trace,
     )
-    for attitude, state in zip(attitudes, states, strict=True):
+    for attitude, state in zip(places, states, strict=True):
         attitude.state = state
     quaternions, accel = out[:, : loop.RESULT_ACCEL], out[:, loop.RESULT_ACCEL :]
-    edges = list(pairwise([0, *np.cumsum(counts).tolist()]))
-    covs = [cov[a:b] if every else cov[i : i + 1] for i, (a, b) in enumerate(edges)]
-    return [Oriented(quaternions[a:b], accel[a:b], one) for (a, b), one in zip(edges, covs, strict=True)]
+    parts = [slice(begin, end) for begin, end in pairwise([0, *np.cumsum(counts).tolist()])]
+    covs = [cov[part] for part in parts] if every else cov[:, None]
+    return [Oriented(quaternions[part], accel[part], one) for part, one in zip(parts, covs, strict=True)]

@@ -1,8 +1,8 @@
 """Samples of one device and boot as columns, and the buffer that holds them until the estimator has used them."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 from math import isnan
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,8 +24,7 @@ UNFIT = SampleFlag.CLIPPED | SampleFlag.STUCK
 _ROOM = 256
 
 
-@dataclass(slots=True, eq=False)
-class Samples:
+class Samples(NamedTuple):
     """Decoded samples of one message: rows (n, 9) float64 and places (n, 3) int64.
 
     The columns of rows are time (s), gyro (3, rad/s), accel (3, m/s²), clipped (0 or 1) and temperature (°C); those of
@@ -85,8 +84,7 @@ class Samples:
     def part(self, first: int, end: int) -> "Samples":
         """New Samples with those from index `first` up to but not including `end`."""
         rows, places = self.rows[first:end], self.places[first:end]
-        return replace(
-            self,
+        return self._replace(
             sequence=self.sequence + first,
             n=end - first,
             first_s=rows.item(0, TIME),

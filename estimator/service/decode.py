@@ -100,7 +100,7 @@ def _columns(read: Sequence[_Read]) -> list[Samples | None]:
     which = devices, bridges, boots, sequences, counts, first_s, last_s, received, periods, rates
     marked = [column if column.strip(b"\0") else b"" for column in flags]
     parts = [rows[begin:end] for begin, end in edges], [places[begin:end] for begin, end in edges]
-    samples = [Samples(*one) for one in zip(*which, ticks, marked, *parts, strict=True)]
+    samples = map(Samples._make, zip(*which, ticks, marked, *parts, strict=True))
     return [one if fit else None for one, fit in zip(samples, fits, strict=True)]
 
 

@@ -121,7 +121,7 @@ class Device:
         """
         if (correction := cut.correction) is not self._correction:
             self._correction = correction
-            self._encoder.corrected_by(correction.quality, correction.calibration, correction.told._asdict())
+            self._encoder.corrected_by(correction.quality, correction.calibration, correction.told)
         self._held.append(self._encoder.encode(*cut.header, *rates))
         if not self.announced:
             self._first_s = min(self._first_s, cut.samples.first_s)

@@ -190,8 +190,7 @@ class TrackedBias:
 
     @property
     def _scale_known(self) -> bool:
-        scale_var = self._filter.cov.diagonal()[MATRIX][::4]
-        return bool(scale_var.max() < _SCALE_STD**2)
+        return all(var < _SCALE_STD**2 for var in self._filter.cov.diagonal()[MATRIX][::4].tolist())
 
     @property
     def matrix(self) -> Floats:

@@ -6,8 +6,7 @@ its mean is taken under the usual prior, unless the evidence contradicts that; i
 one.
 """
 
-import numpy as np
-
+from estimator.kernels.usual_bias import narrowed
 from estimator.tracking.evidence import GATES, Floats
 
 #: relative variance below which the prior has no say any more
@@ -21,7 +20,4 @@ def nearer(bias: Floats, cov: Floats, mean: Floats, wide_std: Floats, usual_std:
     """
     if max(cov.diagonal().tolist()) < _KNOWN * usual_std**2 or not min(wide_std.tolist()) > usual_std:
         return bias
-    # What turns the wide prior into the usual one, as a measurement of the mean: information adds.
-    R = np.diag(1 / (1 / usual_std**2 - 1 / wide_std**2))
-    off = np.linalg.solve(cov + R, mean - bias)
-    return bias if (mean - bias) @ off > GATES[3] else bias + cov @ off
+    return narrowed(bias, cov, mean, wide_std, usual_std, GATES[3])

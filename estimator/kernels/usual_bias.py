@@ -1,0 +1,21 @@
+"""Kernel of tracking/usual_bias.py: mean of a bias under a narrower prior."""
+
+import numpy as np
+
+from estimator.kernels.compiled import Floats, compiled
+
+
+@compiled("f8[::1](f8[:], f8[:, :], f8[:], f8[:], f8, f8)")
+def narrowed(bias: Floats, cov: Floats, mean: Floats, wide_std: Floats, usual_std: float, gate: float) -> Floats:
+    """Mean (3,) of a bias (3,) with covariance (3, 3) when its prior narrows from wide_std (3,) to usual_std, both about mean.
+
+    The bias itself where the NIS of the step is above the gate.
+    """
+    x, P, nis = bias.copy(), cov.copy(), 0.0
+    for axis in range(3):
+        # What turns the wide prior into the usual one, as a measurement of the mean: information adds.
+        off, S = mean[axis] - x[axis], P[axis, axis] + 1 / (1 / usual_std**2 - 1 / wide_std[axis] ** 2)
+        K, nis = P[axis] / S, nis + off**2 / S
+        x += K * off
+        P -= np.outer(K, P[axis])
+    return bias.copy() if nis > gate else x
