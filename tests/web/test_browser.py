@@ -342,6 +342,7 @@ def test_a_device(page: Page, site: Site, look: Look) -> None:
     expect(page.locator("#notes")).to_contain_text("sat up")
     expect(page.locator("#calibrations")).to_contain_text("in use")
     page.locator("#engineering summary").click()
+    expect(page.locator("#filter")).to_have_text("Lay the device down still: each rest is a measurement.")
     for _ in range(2):
         seen = Receipt(now_ns(), "zaru level", (0.01, -0.02), (0.005, 0.005), 2.0, 0.1, accepted=True)
         late = Receipt(
@@ -352,6 +353,12 @@ def test_a_device(page: Page, site: Site, look: Look) -> None:
     expect(page.locator("#receipts tbody tr").first).to_contain_text("refused: outside the gate")
     expect(page.locator("#receipts")).to_contain_text("−1.1459 ± 0.5615")
     expect(page.locator("#nis-mean")).to_contain_text("0.97")
+    expect(page.locator("#filter")).to_have_text(
+        "Many measurements are refused. Lay the device down still for a minute."
+    )
+    site.talk(tracking(name, evidence_age_s=0.5, nis=0.97, receipts=(seen._replace(time_ns=now_ns()),)))
+    expect(page.locator("#filter")).to_have_text("The bias filter agrees with its measurements. Change nothing.")
+    expect(page.locator("#filter")).to_have_attribute("data-tone", "well")
     turning(page, site, name, "By its raw rates alone")
     expect(page.locator("#heading")).to_contain_text(
         f"{words.zone_name(datetime.now().astimezone())}, when it last rested"

@@ -65,7 +65,6 @@ function draw() {
   const frames = waiting;
   waiting = [];
   if (frames.length && pause.getAttribute("aria-pressed") !== "true") {
-    globalThis.redraws = (globalThis.redraws ?? 0) + 1; // read by tests/bench/dashboard.py
     for (const rates of frames)
       for (const tile of tiles.values()) {
         const at = 2 * tile.number;
