@@ -64,4 +64,4 @@ def _line(one: Receipt, t: Texts) -> tuple[str, ...]:
     innovation = "\n".join(number_format.interval(degrees(off), degrees(std), 4) for off, std in pairs)
     verdict = t("device.accepted" if one.accepted else "device.not_accepted")
     why = f"{verdict}: {t.label(one.reason)}" if one.reason else verdict
-    return number_format.clock(one.time_ns), t.label(one.kind), innovation, f"{one.test_ratio:.3g}", why
+    return number_format.clock(one.time_ns), t.label(one.kind), innovation, f"{one.test_ratio:.3f}", why
