@@ -152,7 +152,9 @@ def test_the_wards_summary(page: Page, site: Site, look: Look) -> None:
     page.get_by_role("link", name="Report of the ward, to print").click()
     expect(page.get_by_role("heading", level=1)).to_have_text("Ward w: summary")
     expect(page.locator(".of")).to_contain_text("1 of 2 tracking")
-    expect(page.locator(".needs")).to_contain_text("bed-01-wrist lost no samples for 12 s Check that it is on, charged and near.")
+    expect(page.locator(".needs")).to_contain_text(
+        "bed-01-wrist lost no samples for 12 s Check that it is on, charged and near."
+    )
     expect(page.locator(".numbers")).to_contain_text("1.1500 ± 0.0059")
     look("report")
     assert pages_of(page) == 1
