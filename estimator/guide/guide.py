@@ -241,9 +241,8 @@ class Guide:
             return Instruction(
                 Step.SETTLE, Picture.EDGE, Words("settle"), hand.rested, angle, axis, done, needed,
             )  # fmt: skip
-        words = Words("turning") if axis is None else Words("turning_about", {"axis": AXES[axis]})
         ring = min(1.0, abs(angle) / _FULL)
-        return Instruction(Step.TURNING, picture, words, ring, angle, axis, done, needed)
+        return Instruction(Step.TURNING, picture, Words("turning"), ring, angle, axis, done, needed)
 
     def _judging(self, status: Status) -> bool:
         """Return whether a turn is in progress, or has ended and awaits the estimator's verdict."""

@@ -1,7 +1,7 @@
 """Topics of a device's page: text, attitude, raw and corrected rates, bias trail, heading error, receipts."""
 
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from math import asin, degrees, hypot
 
 import numpy as np
@@ -21,6 +21,8 @@ from estimator.web.ward_topics import RATES_S
 POINTS, LINES = 300, 12
 #: largest NIS per degree of freedom that is drawn
 _MOST = 20.0
+#: the mean NIS of LINES receipts of a right filter exceeds this about once in a thousand times
+_LARGE = 2.5
 #: interval of heading frames, s
 _HEADING_S = 1.0
 
@@ -181,10 +183,25 @@ class ReceiptTopic(topics.Topic):
         latest_ns = self._kept[-1].time_ns if self._kept else 0
         self._kept += [one for one in story.trail.receipts if one.time_ns > latest_ns]
         nis = story.status.nis if story.status is not None else 0.0
-        lines = [_line(one, self._t) for one in reversed([*self._kept][-LINES:])]
+        latest = [*self._kept][-LINES:]
+        lines = [_line(one, self._t) for one in reversed(latest)]
         points = [(one.time_ns / 1e9, min(one.nis / len(one.innovation), _MOST), one.accepted) for one in self._kept]
         mean = self._t("device.nis_mean", nis=f"{nis:.2f}") if nis else ""
-        yield topics.text(self._topic, {"mean": mean, "lines": lines, "points": points})
+        verdict, tone = _verdict(latest, nis)
+        about = {"verdict": self._t(f"device.filter_{verdict}"), "tone": tone, "mean": mean, "lines": lines}
+        yield topics.text(self._topic, {**about, "points": points})
+
+
+def _verdict(latest: Sequence[Receipt], nis: float) -> tuple[str, str]:
+    """Judge the filter by its latest receipts: name of the text that says what to do, and tone.
+
+    nis: mean per degree of freedom, as in Status.
+    """
+    if not latest:
+        return "waits", "busy"
+    if 2 * sum(one.accepted for one in latest) <= len(latest):
+        return "refuses", "ask"
+    return ("doubts", "ask") if nis > _LARGE and len(latest) == LINES else ("well", "well")
 
 
 def _line(one: Receipt, t: Texts) -> tuple[str, ...]:
@@ -193,4 +210,4 @@ def _line(one: Receipt, t: Texts) -> tuple[str, ...]:
     innovation = "\n".join(number_format.interval(degrees(off), degrees(std), 4) for off, std in pairs)
     verdict = t("device.accepted" if one.accepted else "device.not_accepted")
     why = f"{verdict}: {t.label(one.reason)}" if one.reason else verdict
-    return number_format.clock(one.time_ns), t.label(one.kind), innovation, f"{one.test_ratio:.3g}", why
+    return number_format.clock(one.time_ns), t.label(one.kind), innovation, f"{one.test_ratio:.3f}", why

@@ -1,12 +1,12 @@
 """Content of a calibration certificate and of a ward summary, as values for their templates in one language. Pure."""
 
-from collections.abc import Iterable
+from collections.abc import Collection
 from math import degrees, isfinite
 from typing import Any
 
 import numpy as np
 
-from bridge.wire.messages import Calibration, Status
+from bridge.wire.messages import Calibration, Status, Verdict
 from estimator.geometry.gyro_model import AXES
 from estimator.guide.comparison import last_before
 from estimator.language.texts import Texts
@@ -15,7 +15,7 @@ from estimator.service.history import Biases, History
 from estimator.web import number_format
 from estimator.web.device_page import accelerometer
 from estimator.web.guide_view import against, rows
-from estimator.web.tiles import toned, troubles, word, worn
+from estimator.web.tiles import advice, toned, troubles, word, worn
 from estimator.web.ward_state import Known, Story
 
 #: a bias this many times less certain than the best point is left out of a chart
@@ -26,7 +26,7 @@ _BEFORE_NS = 60 * 10**9
 
 def certificate(
     c: Calibration,
-    known: Iterable[Calibration],
+    known: Collection[Calibration],
     status: Status | None,
     t: Texts,
     *,
@@ -38,12 +38,15 @@ def certificate(
 
     known: all known calibrations of the device. limit: largest relative scale error that is taken
     (`SessionKnobs.scale_limit`). due_days: days until it is due again. now_ns: host time.
-    Of the result, `matrix` is empty where only the diagonal was estimated.
+    Of the result, `matrix` is empty where only the diagonal was estimated. `next` is the text that says what to do.
     """
+    accepted, in_use = c.verdict is Verdict.ACCEPTED, status is not None and status.calibration == c.id
+    newest = all(other.time_ns <= c.time_ns for other in known)
     before = last_before(c, known)
     whole = bool(np.any(c.matrix - np.diag(np.diag(c.matrix))))
     due_ns = c.time_ns + round(due_days * 86400e9)
     noise = " ".join(f"{degrees(float(std)):.3f}" for std in c.noise_std)
+    again = now_ns > due_ns if in_use else newest and not accepted
     facts = [
         ("device", c.device),
         ("placement", worn(status.placement, t) if status else ""),
@@ -64,8 +67,9 @@ def certificate(
     return {
         "device": c.device,
         "verdict": t(f"report.{c.verdict.name.lower()}"),
-        "accepted": c.verdict.name == "ACCEPTED",
-        "in_use": status is not None and status.calibration == c.id,
+        "accepted": accepted,
+        "in_use": in_use,
+        "next": "again" if again else "keep" if in_use else "elsewhere",
         "when": number_format.clock(c.time_ns)[:10],
         "due": number_format.clock(due_ns)[:10],
         "overdue": now_ns > due_ns,
@@ -113,6 +117,7 @@ def _line(row: DeviceRow, story: Story, t: Texts) -> dict[str, Any]:
         "state": word(row.state, t),
         "tone": toned(row),
         "reason": t.text(row.reason),
+        "advice": advice(row, story, t),
         "calibrated": number_format.clock(status.calibrated_time_ns) if status and status.calibrated_time_ns else "",
         "who": made.who if made else "",
         "battery": number_format.battery(row.battery_percent, t, charging=row.charging),

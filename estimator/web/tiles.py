@@ -154,7 +154,7 @@ def tile(row: DeviceRow, story: Story, now: float, now_ns: int, t: Texts) -> Til
         word=word(row.state, t),
         tone=toned(row),
         needs=row.needs_person,
-        advice=_advice(row, story, t),
+        advice=advice(row, story, t),
         reason=t.text(row.reason),
         notices=t.text(row.notices),
         placement=worn(row.placement, t),
@@ -196,7 +196,7 @@ def toned(row: DeviceRow) -> str:
     return "ask" if row.needs_person and TONES[row.state] in ("busy", "well") else TONES[row.state]
 
 
-def _advice(row: DeviceRow, story: Story, t: Texts) -> str:
+def advice(row: DeviceRow, story: Story, t: Texts) -> str:
     """What a person is to do with the device, in one plain sentence."""
     key, done = row.state.replace(" ", "_"), len(story.status.axes_done) if story.status else 0
     if row.state == TRACKING and row.needs_person:

@@ -116,6 +116,8 @@ _SHOWN = """() => {
 }"""
 
 
+_COUNT_BEEPS = """window.beeps = 0; window.AudioContext = class extends AudioContext {
+  createOscillator() { window.beeps++; return super.createOscillator(); } };"""
 #: how many tiles are seen whole
 _SEEN = """[...document.querySelectorAll(".tile")].filter((tile) => tile.getBoundingClientRect().bottom <= innerHeight
   && tile.scrollHeight <= tile.clientHeight + 1).length"""
@@ -163,14 +165,15 @@ def test_the_ward_at_one_look(page: Page, site: Site, look: Look) -> None:
 def test_an_alert_comes_sounds_once_it_may_and_goes(page: Page, site: Site) -> None:
     names = ward(site, 2)
     lost = Alert("lost", now_ns(), now_ns())
+    page.add_init_script(_COUNT_BEEPS)
     page.goto("/")
     expect(page.locator("#alerts")).to_be_hidden()
     site.talk(said(names[0], State.LOST, boot=5, time_ns=now_ns(), alerts=(lost,), placement=Placement(wearer="bed-3")))
     expect(page.locator("#alerts li")).to_contain_text(f"{names[0]} (bed-3): no contact.")
     expect(page.locator(f'[data-id="{names[0]}"] .placement')).to_have_text("bed-3")
-    assert page.evaluate("globalThis.beeps") is None, "off until somebody switches it on"
+    assert page.evaluate("window.beeps") == 0, "off until somebody switches it on"
     page.get_by_role("button", name="Sound of alerts").click()
-    page.wait_for_function("globalThis.beeps > 0")
+    page.wait_for_function("window.beeps > 0")
     seen = replace(lost, acknowledged_ns=now_ns(), who="anna")
     site.talk(said(names[0], State.LOST, boot=5, time_ns=now_ns(), alerts=(seen,)))
     expect(page.locator("#alerts li")).to_contain_text("Seen by anna")
@@ -180,8 +183,15 @@ def test_an_alert_comes_sounds_once_it_may_and_goes(page: Page, site: Site) -> N
 
 def test_twenty_devices_at_one_look_sixty_on_a_wall_and_numbers_on_request(page: Page, site: Site, look: Look) -> None:
     names = ward(site)
-    for name in names:  # where all of them need a hand, tiles are tallest
-        site.talk(said(name, State.AWAITING_STILL, boot=5, time_ns=now_ns(), reason=(Code.HOLD_STILL(),)))
+    worn = Placement(segment="humerus", side="left", wearer="bed-3")
+
+    def all_wait(names: list[str]) -> None:
+        """Where all of them are worn and need a hand, tiles are tallest."""
+        for name in names:
+            waiting = said(name, State.AWAITING_STILL, boot=5, time_ns=now_ns(), reason=(Code.HOLD_STILL(),))
+            site.talk(replace(waiting, placement=worn))
+
+    all_wait(names)
     page.set_viewport_size({"width": 1440, "height": 900})
     page.goto("/")
     expect(page.locator(".advice", has_text="Calibrate it with three turns.")).to_have_count(20)
@@ -196,10 +206,10 @@ def test_twenty_devices_at_one_look_sixty_on_a_wall_and_numbers_on_request(page:
     page.get_by_role("button", name="Numbers").click()
     page.set_viewport_size({"width": 390, "height": 844})
     page.wait_for_function("document.documentElement.scrollWidth <= 390")
-    ward(site, 60)
+    all_wait(ward(site, 60))
     page.set_viewport_size({"width": 1920, "height": 1080})
     page.goto("/?wall=1")
-    expect(page.locator(".tile")).to_have_count(60)
+    expect(page.locator(".advice", has_text="Calibrate it with three turns.")).to_have_count(60)
     page.wait_for_function(f"{_SEEN} === 60")
     assert page.locator("main :is(button, input, select):visible").count() == 0
     expect(page.get_by_role("time")).to_have_text(re.compile(r"\d+:\d\d:\d\d"))
@@ -353,6 +363,7 @@ def test_a_device(page: Page, site: Site, look: Look) -> None:
     expect(page.locator("#notes")).to_contain_text("sat up")
     expect(page.locator("#calibrations")).to_contain_text("in use")
     page.locator("#engineering summary").click()
+    expect(page.locator("#filter")).to_have_text("Lay the device down still: each rest is a measurement.")
     for _ in range(2):
         seen = Receipt(now_ns(), "zaru level", (0.01, -0.02), (0.005, 0.005), 2.0, 0.1, accepted=True)
         late = Receipt(
@@ -363,6 +374,12 @@ def test_a_device(page: Page, site: Site, look: Look) -> None:
     expect(page.locator("#receipts tbody tr").first).to_contain_text("refused: outside the gate")
     expect(page.locator("#receipts")).to_contain_text("−1.1459 ± 0.5615")
     expect(page.locator("#nis-mean")).to_contain_text("0.97")
+    expect(page.locator("#filter")).to_have_text(
+        "Many measurements are refused. Lay the device down still for a minute."
+    )
+    site.talk(tracking(name, evidence_age_s=0.5, nis=0.97, receipts=(seen._replace(time_ns=now_ns()),)))
+    expect(page.locator("#filter")).to_have_text("The bias filter agrees with its measurements. Change nothing.")
+    expect(page.locator("#filter")).to_have_attribute("data-tone", "well")
     turning(page, site, name, "By its raw rates alone")
     expect(page.locator("#heading")).to_contain_text(
         f"{words.zone_name(datetime.now().astimezone())}, when it last rested"

@@ -92,6 +92,10 @@ def test_a_certificate(page: Page, site: Site, look: Look) -> None:
         re.compile(r"x 1\.0000 ±\s0\.0020, 0\.100 ±\s0\.002 m/s²; y 0\.9900")
     )
     expect(page.locator(".code svg")).to_be_visible()
+    expect(page.locator(".next")).to_have_text("Print this page, sign it below, and keep it.")
+    page.evaluate("window.print = () => { window.printed = true; }")
+    page.get_by_role("button", name="Print").click()
+    assert page.evaluate("window.printed")
     look("certificate")
     assert pages_of(page) == 1
     page.get_by_role("link", name="中文").click()
@@ -134,7 +138,10 @@ def test_a_certificate_of_a_refused_one_says_so(page: Page, site: Site, look: Lo
     page.goto(path("bad"))
     expect(page.locator(".verdict")).to_contain_text(f"{NAME}: refused It is not in use now.")
     expect(page.locator(".facts")).to_contain_text("scale factor x 2.000 outside")
+    expect(page.locator(".next")).to_have_text("Calibrate the device again. Calibrate")
     look("certificate-refused")
+    page.goto(path("first"))
+    expect(page.locator(".next")).to_have_text("See the device's page: it says what to do now.")
     page.goto(path("never"))
     expect(page.locator(".reason")).to_have_text(f"No calibration never of {NAME} is known.")
 
@@ -145,7 +152,9 @@ def test_the_wards_summary(page: Page, site: Site, look: Look) -> None:
     page.get_by_role("link", name="Report of the ward, to print").click()
     expect(page.get_by_role("heading", level=1)).to_have_text("Ward w: summary")
     expect(page.locator(".of")).to_contain_text("1 of 2 tracking")
-    expect(page.locator(".needs")).to_contain_text("bed-01-wrist lost no samples for 12 s")
+    expect(page.locator(".needs")).to_contain_text(
+        "bed-01-wrist lost no samples for 12 s Check that it is on, charged and near."
+    )
     expect(page.locator(".numbers")).to_contain_text("1.1500 ± 0.0059")
     look("report")
     assert pages_of(page) == 1

@@ -30,7 +30,6 @@ export function alerts(now) {
 
 function beep() {
   if (!audio || !alarm) return;
-  globalThis.beeps = (globalThis.beeps ?? 0) + 1; // read by tests/web/test_browser.py
   BEEPS.forEach((hertz, i) => {
     const tone = audio.createOscillator(), begin = audio.currentTime + 0.3 * i;
     tone.frequency.value = hertz;

@@ -109,7 +109,6 @@ function frame() {
   if (due && pause.getAttribute("aria-pressed") !== "true") {
     due = false;
     if ($("rates").hidden) { $("rates").hidden = false; $("waiting").hidden = true; }
-    globalThis.redraws = (globalThis.redraws ?? 0) + 1; // read by tests/bench/dashboard.py
     const ago = columns.time.map((time) => time - newest);
     rates.forEach((one, axis) => one.set([ago, columns.raw[axis], columns.corrected[axis]]));
   }
@@ -200,6 +199,8 @@ const nis = chart($("nis"), {
 });
 
 function receipts(now) {
+  say($("filter").lastElementChild, now.verdict);
+  tone($("filter"), now.tone);
   rows("receipts", now.lines, (line) => line);
   say($("nis-mean"), now.mean);
   nis.figure.hidden = now.points.length < 2;

@@ -65,7 +65,6 @@ function draw() {
   const frames = waiting;
   waiting = [];
   if (frames.length && pause.getAttribute("aria-pressed") !== "true") {
-    globalThis.redraws = (globalThis.redraws ?? 0) + 1; // read by tests/bench/dashboard.py
     for (const rates of frames)
       for (const tile of tiles.values()) {
         const at = 2 * tile.number;
@@ -128,12 +127,16 @@ function chips(counts) {
   });
 }
 
-// A wall screen shows all devices at once: as many columns as make tiles of twice their height.
-const wall = document.body.classList.contains("wall");
+// A wall screen shows all devices at once: in columns of tiles twice as wide as high, in the largest letters that cut nothing.
+const wall = document.body.classList.contains("wall"), LEAST_PX = 8, MOST_PX = 40, STEP = 1.05;
+let letters = LEAST_PX;
 function wide(n) {
-  const columns = Math.max(1, Math.ceil(Math.sqrt((n * innerWidth) / (2.2 * innerHeight))));
+  const columns = Math.max(1, Math.ceil(Math.sqrt((n * innerWidth) / (2.2 * innerHeight)))), most = Math.min(MOST_PX, innerWidth / columns / 14);
+  const size = (px) => { letters = px; list.style.fontSize = `${px}px`; };
+  const cut = () => [...list.children].some((tile) => tile.scrollHeight > tile.clientHeight);
   list.style.setProperty("--columns", columns);
-  list.style.setProperty("--rows", Math.ceil(n / columns));
+  while (letters < most && !cut()) size(letters * STEP);
+  while (letters > LEAST_PX && (letters > most || cut())) size(letters / STEP);
 }
 // Its clock stands still when the screen does.
 const clock = document.getElementById("clock"), tick = () => { clock.textContent = new Date().toLocaleTimeString(document.documentElement.lang, { hour12: false }); };

@@ -37,9 +37,7 @@ def test_a_good_one_needs_no_click() -> None:
     assert place[0] < 0.6
     # A turn's ring fills with it; axis and way are recognised long before its end.
     for axis, way, picture in ((2, 1, Picture.FLAT), (0, -1, Picture.ALONG), (1, 1, Picture.ACROSS)):
-        turning = [
-            one for one in told if one.step is Step.TURNING and one.head.key == "turning_about" and one.axis == axis
-        ]
+        turning = [one for one in told if one.step is Step.TURNING and one.head.key == "turning" and one.axis == axis]
         assert {one.picture for one in turning} == {picture}
         assert min(abs(degrees(one.angle)) for one in turning) < 60
         assert max(one.ring for one in turning) > 0.75  # as read: its scale is not known yet
