@@ -1,7 +1,7 @@
 """Samples of one device and boot as columns, and the buffer that holds them until the estimator has used them."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import isnan
 
 import numpy as np
@@ -80,21 +80,6 @@ class Samples:
     def celsius(self) -> float | None:
         """Temperature at the first sample, °C; None where unknown."""
         return known(self.rows.item(0, CELSIUS))
-
-    def part(self, first: int, end: int) -> "Samples":
-        """New Samples with those from index `first` up to but not including `end`."""
-        rows, places = self.rows[first:end], self.places[first:end]
-        return replace(
-            self,
-            sequence=self.sequence + first,
-            n=end - first,
-            first_s=rows.item(0, TIME),
-            last_s=rows.item(-1, TIME),
-            ticks=self.ticks[8 * first : 8 * end],
-            flags=self.flags[4 * first : 4 * end],
-            rows=rows,
-            places=places,
-        )
 
 
 class SampleBuffer:
