@@ -100,9 +100,13 @@ def _summary(
     for name in NAMES:
         status = watcher.statuses.get(name)
         found = None
-        if status is not None:
-            key = name, status.boot
-            found = judge(devices[name], status.boot, subscribers[0].batches[key], watcher.raw[key], status)
+        try:
+            if status is not None:
+                key = name, status.boot
+                found = judge(devices[name], status.boot, subscribers[0].batches[key], watcher.raw[key], status)
+        except LookupError as error:
+            failures.append(f"{name}: {error}")
+            continue
         if found is None:
             failures.append(f"{name} was not calibrated in its last boot")
         else:

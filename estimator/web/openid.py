@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 from starlette.middleware import Middleware
-from starlette.middleware.sessions import SessionMiddleware
 from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import BaseRoute, Mount, Route
@@ -37,6 +36,7 @@ def routes(settings: Dashboard) -> list[BaseRoute]:
     from authlib.integrations.base_client import OAuthError  # noqa: PLC0415 - an extra
     from httpx2 import HTTPError  # noqa: PLC0415 - as above
     from joserfc.errors import JoseError  # noqa: PLC0415 - as above
+    from starlette.middleware.sessions import SessionMiddleware  # noqa: PLC0415 - needs itsdangerous, of the same extra
 
     failures = (OAuthError, HTTPError, JoseError, ValueError, KeyError)
 
