@@ -9,25 +9,17 @@ from weakref import proxy
 
 import numpy as np
 
-from bridge.wire.messages import (
-    Calibration,
-    DeviceCalibration,
-    DeviceInfo,
-    SampleBatch,
-)
-from bridge.wire.refusal import Reason
+from bridge.wire.messages import Calibration, DeviceCalibration, DeviceInfo
 from estimator.calibration.result import Result
-from estimator.device.batch_correction import Cut, batch_of, correct
+from estimator.device.batch_correction import Cut
 from estimator.device.boot_estimation import BootEstimation
 from estimator.device.lifecycle import Event, Lifecycle
-from estimator.device.orientation import oriented
 from estimator.device.outcome import Outcome
 from estimator.device.sequence_numbers import SequenceNumbers
 from estimator.device.session_knobs import SessionKnobs
 from estimator.device.window_summary import Second
 from estimator.orientation.attitude import Attitude
 from estimator.samples.blocks import BLOCK_S, SHORT_S, Blocks
-from estimator.samples.finite import runs
 from estimator.samples.sample_buffer import CELSIUS, TIME, Samples, known
 from estimator.tracking.temperature_law import TemperatureLaw
 from estimator.tracking.tracker import Tracker
@@ -59,7 +51,6 @@ class CorrectedStream:
         self.windowed = False
         #: orientation of the current boot; None while nobody wants it
         self.attitude: Attitude | None = None
-        self._away_s = 0.0  # s since the previous admitted batch, by the host's clock
         self._offered: DeviceCalibration | None = None  # the device's own calibration that was judged last
         self._begin(began)
         self._unused = True  # no boot has begun since `_begin`
@@ -104,32 +95,34 @@ class CorrectedStream:
         """Return whether the samples are earlier than the assumed begin of the boot, and the first of the boot."""
         return self.sequence.next is None and samples.first_s < self.learnt.began
 
-    def handle(self, batch: SampleBatch) -> Outcome:
-        """Correct a batch of the current boot, and update bias and calibration from it.
-
-        The outcome holds the corrected batches. Samples that are not finite, late or repeated are counted and dropped.
-        """
-        samples, cuts = Samples.of(batch), list[Cut]()
-        first, outcome = self._admit(samples)
-        finite = runs(batch, first) if first < samples.n else []
-        self.sequence.drop(Reason.NON_FINITE, samples.n - first - sum(end - begin for begin, end in finite))
-        for begin, end in finite:
-            outcome = self._put(samples.part(begin, end), 0, cuts, outcome)
-        outcome = outcome or Outcome()
-        outcome.corrected = [batch_of(cut, rates) for cut, rates in zip(cuts, correct(cuts), strict=True)]
-        if self.attitude is not None:
-            outcome.oriented = oriented([(self.attitude, cut) for cut in cuts], every=True)
-        self._learn(outcome)
-        return outcome
-
     def take(self, samples: Samples, cuts: list[Cut]) -> Outcome | None:
         """Accept samples of the current boot, all finite, without correcting them.
 
         Late or repeated ones are counted and dropped.
         Appends to `cuts` which samples each correction applies to. Returns the outcome of earlier samples, or None.
         """
-        first, outcome = self._admit(samples)
-        return outcome if first == samples.n else self._put(samples, first, cuts, outcome)
+        first = self.sequence.fresh(samples)
+        if first == samples.n:
+            return None
+        away_s = max(0.0, (samples.receive_time_ns - self.last_heard_ns) / 1e9 / samples.clock_rate)
+        self.last_heard_ns, outcome = samples.receive_time_ns, None
+        if self.life.away and self.life.on(Event.HEARD):
+            self._apply()
+            outcome = Outcome(changed=True, said=["heard again"])
+        blocks, start = self._blocks, first
+        if blocks.went_back(samples.rows.item(first, TIME) if first else samples.first_s, away_s):
+            self.sequence.events.add("device clock went back")
+        for edge, now, before in blocks.put(samples, first):
+            applied, outcome = self.applied, outcome or Outcome()
+            if now - before > SILENCE_S:
+                self._end_block(outcome, (now, known(samples.rows.item(edge, CELSIUS))))
+            else:
+                self._end_block(outcome)
+            if edge > start and self.applied is not applied:
+                cuts.append(Cut(samples, applied, start, edge))
+                start = edge
+        cuts.append(Cut(samples, self.applied, start, samples.n))
+        return outcome
 
     @property
     def to_learn(self) -> bool:
@@ -144,35 +137,6 @@ class CorrectedStream:
         """
         outcome = Outcome()
         self._learn(outcome)
-        return outcome
-
-    def _admit(self, samples: Samples) -> tuple[int, Outcome | None]:
-        """Count incoming samples; return how many leading ones to skip, and an outcome if the device was away."""
-        first = self.sequence.fresh(samples)
-        if first == samples.n:
-            return first, None
-        self._away_s = max(0.0, (samples.receive_time_ns - self.last_heard_ns) / 1e9 / samples.clock_rate)
-        self.last_heard_ns = samples.receive_time_ns
-        if not (self.life.away and self.life.on(Event.HEARD)):
-            return first, None
-        self._apply()
-        return first, Outcome(changed=True, said=["heard again"])
-
-    def _put(self, samples: Samples, first: int, cuts: list[Cut], outcome: Outcome | None) -> Outcome | None:
-        """Cut samples from index `first` on where the correction changes, and append the cuts."""
-        blocks, start = self._blocks, first
-        if blocks.went_back(samples.rows.item(first, TIME) if first else samples.first_s, self._away_s):
-            self.sequence.events.add("device clock went back")
-        for edge, now, before in blocks.put(samples, first):
-            applied, outcome = self.applied, outcome or Outcome()
-            if now - before > SILENCE_S:
-                self._end_block(outcome, (now, known(samples.rows.item(edge, CELSIUS))))
-            else:
-                self._end_block(outcome)
-            if edge > start and self.applied is not applied:
-                cuts.append(Cut(samples, applied, start, edge))
-                start = edge
-        cuts.append(Cut(samples, self.applied, start, samples.n))
         return outcome
 
     def _end_block(self, outcome: Outcome, resumed: tuple[float, float | None] | None = None) -> None:

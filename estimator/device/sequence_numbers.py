@@ -75,11 +75,6 @@ class SequenceNumbers:
         self.samples_in += batch.n
         self.dropped.add(reason, batch.n)
 
-    def drop(self, reason: str, n: int) -> None:
-        """Count n samples that `fresh` had accepted as dropped after all."""
-        self.samples_out -= n
-        self.dropped.add(reason, n)
-
     def anew(self, came: int, out: int) -> "SequenceNumbers":
         """Counters for a new session after a failed one: the same counts and past boots, no current boot.
 

@@ -19,6 +19,9 @@ from estimator.calibration.result import Result
 from estimator.calibration.session import CalibrationSession
 from estimator.calibration.session_events import Finished, Ignored, TurnFound
 from estimator.config.device_settings import knobs_of_stated
+from estimator.device import batch_correction
+from estimator.device.batch_correction import Cut, batch_of
+from estimator.device.orientation import oriented
 from estimator.device.outcome import Outcome
 from estimator.device.prior_knowledge import PriorKnowledge
 from estimator.device.resting_poses import RestingPoses
@@ -30,6 +33,7 @@ from estimator.offline import smoothing
 from estimator.offline.calibration_file import of_result
 from estimator.offline.corrected_recording import CorrectedRecording, Rows
 from estimator.offline.recorded_batches import BOOT, batches, flags_of, info_of
+from estimator.samples import sample_buffer
 from estimator.samples.sample_buffer import UNFIT
 from estimator.stillness.detector import Stillness, Windows
 from estimator.tracking.seconds import Seconds
@@ -147,8 +151,8 @@ def correct(
 
     def passed(known: Calibration | None, said: str = "", knobs: SessionKnobs = knobs) -> _Pass:
         pass_ = _Pass(recording, knobs, known, said, gyro_range=gyro_range, smooth=smooth, other_boot=other_boot)
-        for samples in batches(recording, gyro_range, size):
-            pass_.take(samples)
+        for one in batches(recording, gyro_range, size):
+            pass_.take(one)
             if progress is not None:
                 progress(pass_.rows.filled, len(recording))
         pass_.over()
@@ -219,8 +223,18 @@ class _Pass:
         self._session.orient()
         self._session.begin_boot(BOOT, float(recording.device_time[0]), remembered)
 
-    def take(self, samples: SampleBatch) -> None:
-        self._note(self._session.handle(samples))
+    def take(self, batch: SampleBatch) -> None:
+        """Correct a batch, fill its rows, and learn from it at once."""
+        session, cuts = self._session, list[Cut]()
+        if (outcome := session.take(sample_buffer.Samples.of(batch), cuts)) is not None:
+            self._note(outcome)
+        for cut, rates in zip(cuts, batch_correction.correct(cuts), strict=True):
+            self._last = batch_of(cut, rates)
+            self.rows.take(self._last, self._known[cut.correction.calibration][0])
+        if session.attitude is not None:
+            for one in oriented([(session.attitude, cut) for cut in cuts], every=True):
+                self.rows.turn(one.attitudes)
+        self._note(session.learn())
 
     def over(self) -> None:
         """End the session and note its last results."""
@@ -246,11 +260,6 @@ class _Pass:
         for made in outcome.calibrations:
             self._known[made.id] = made.matrix, self._recording.name
             self._untaught &= made.method != WORN
-        for batch in outcome.corrected:
-            self.rows.take(batch, self._known[batch.calibration][0])
-            self._last = batch
-        for one in outcome.oriented:
-            self.rows.turn(one.attitudes)
 
     def corrected(self) -> CorrectedRecording:
         last, rows, session = self._last, self.rows, self._session

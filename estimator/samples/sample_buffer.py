@@ -81,20 +81,6 @@ class Samples(NamedTuple):
         """Temperature at the first sample, °C; None where unknown."""
         return known(self.rows.item(0, CELSIUS))
 
-    def part(self, first: int, end: int) -> "Samples":
-        """New Samples with those from index `first` up to but not including `end`."""
-        rows, places = self.rows[first:end], self.places[first:end]
-        return self._replace(
-            sequence=self.sequence + first,
-            n=end - first,
-            first_s=rows.item(0, TIME),
-            last_s=rows.item(-1, TIME),
-            ticks=self.ticks[8 * first : 8 * end],
-            flags=self.flags[4 * first : 4 * end],
-            rows=rows,
-            places=places,
-        )
-
 
 class SampleBuffer:
     """Buffer of the samples of one boot, numbered in the order of arrival; the first one has the number `first`.

@@ -136,33 +136,22 @@ def _end(raw: columns.SampleBatch) -> int:
 
 def _merged(left: Sequence[_Left]) -> list[Message]:
     """Merge consecutive messages into one, since a message costs as much as a hundred samples."""
-    merged: list[Message] = []
-    group: list[columns.SampleBatch] = []
-    for message, raw in (*left, (None, None)):
-        if group and (raw is None or message is None or message.key != merged[-1].key or not _goes_on(group, raw)):
-            if len(group) > 1:
-                merged[-1] = Message(merged[-1].key, _one(group).SerializeToString())
-            group = []
-        if message is not None:
-            if not group:
-                merged.append(message)
-            if raw is not None:
-                group.append(raw)
-    return merged
+    groups = list[tuple[Message, list[columns.SampleBatch]]]()
+    kind, end = None, 0  # of the message before
+    for message, raw in left:
+        before, kind = kind, None if raw is None else _kind(message.key, raw)
+        if raw is None or kind != before or raw.sequence != end or _end(raw) - groups[-1][1][0].sequence > MERGED:
+            groups.append((message, []))
+        if raw is not None:
+            groups[-1][1].append(raw)
+            end = _end(raw)
+    return [Message(one.key, _one(raws).SerializeToString()) if len(raws) > 1 else one for one, raws in groups]
 
 
-def _goes_on(group: Sequence[columns.SampleBatch], raw: columns.SampleBatch) -> bool:
-    first, last = group[0], group[-1]
-    alike = (raw.version, raw.device, raw.boot, raw.tick_period_s) == (
-        first.version,
-        first.device,
-        first.boot,
-        first.tick_period_s,
-    )
-    columns_alike = all(
-        bool(getattr(raw, name)) == bool(getattr(first, name)) for name in ("accel", "temperature_c", "flags")
-    )
-    return alike and columns_alike and raw.sequence == _end(last) and _end(raw) - first.sequence <= MERGED
+def _kind(key: str, raw: columns.SampleBatch) -> tuple[object, ...]:
+    """What messages that can be merged have in common."""
+    columns_ = bool(raw.accel), bool(raw.temperature_c), bool(raw.flags)
+    return key, raw.version, raw.device, raw.boot, raw.tick_period_s, columns_
 
 
 def _one(group: Sequence[columns.SampleBatch]) -> columns.SampleBatch:

@@ -2,6 +2,7 @@
 
 import threading
 import zlib
+from math import prod
 from typing import Any, TypeVar
 
 import msgspec
@@ -37,7 +38,8 @@ def decode(data: bytes, kind: type[T]) -> T:
     """
     inflating = zlib.decompressobj()
     try:
-        with _ONE_AT_A_TIME:
+        # Damaged values may be signalling NaNs.
+        with _ONE_AT_A_TIME, np.errstate(invalid="ignore"):
             return msgspec.msgpack.decode(inflating.decompress(data, _MOST_BYTES), type=kind, dec_hook=_unpacked)
     except (zlib.error, msgspec.MsgspecError) as error:
         raise ValueError(f"damaged state: {str(error).removeprefix('damaged state: ')}") from error
@@ -68,7 +70,7 @@ def _packed(array: Floats) -> tuple[str, tuple[int, ...], bytes]:
 
 def _unpacked(_: type, packed: Any) -> Floats:
     kind, shape, data = msgspec.convert(packed, tuple[str, tuple[int, ...], bytes])
-    if any(n < 0 for n in shape) or np.prod([*shape], dtype=float) > _MOST_VALUES:
+    if any(n < 0 for n in shape) or prod(shape) > _MOST_VALUES:
         raise ValueError(f"an array of shape {shape}")
     if kind == "s":
         if len(shape) != 2 or shape[0] != shape[1]:
@@ -76,5 +78,4 @@ def _unpacked(_: type, packed: Any) -> Floats:
         array, upper = np.empty(shape), np.triu_indices(shape[0])
         array[upper] = array.T[upper] = np.frombuffer(data, np.float64)
         return array
-    with np.errstate(invalid="ignore"):  # damaged values may be signalling NaNs
-        return np.frombuffer(data, np.float32 if kind == "f" else np.float64).reshape(shape).astype(np.float64)
+    return np.frombuffer(data, np.float32 if kind == "f" else np.float64).reshape(shape).astype(np.float64)

@@ -28,6 +28,7 @@ from estimator.device.session import DeviceSession
 from estimator.noise.device_model import load_model
 from estimator.offline.recordings import correct
 from tests.bench import broad
+from tests.estimator.stream import handle
 from tests.sim.day import Day, simulate_day, worn_spec
 
 Floats = NDArray[np.float64]
@@ -210,7 +211,8 @@ def minutes(day: Day, model: str, rng: np.random.Generator) -> list[float]:
     true = Rotation.from_quat(day.attitude, scalar_first=True)
     for second, start in enumerate(range(0, len(gyro) - size + 1, size)):
         part = slice(start, start + size)
-        session.handle(
+        handle(
+            session,
             SampleBatch(
                 device="simulated",
                 boot=1,
@@ -224,7 +226,7 @@ def minutes(day: Day, model: str, rng: np.random.Generator) -> list[float]:
                 accel=None,
                 temperature_c=day.temperature_c[part],
                 flags=np.zeros(size, np.uint32),
-            )
+            ),
         )
         attitude = session.attitude
         assert attitude is not None

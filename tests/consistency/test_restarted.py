@@ -10,6 +10,7 @@ from estimator.offline.recorded_batches import batches
 from estimator.tracking.bias_state import BiasKnobs, start
 from tests.consistency.test_warming import recording
 from tests.estimator.device.test_correction import CALIBRATION
+from tests.estimator.stream import handle
 from tests.sim.day import simulate_day
 
 _EVERY_S = 100.0
@@ -38,7 +39,7 @@ def doubts(seed: int) -> tuple[int, list[str]]:
                 restarts += 1
             session, begins_s = DeviceSession("recorded"), now
             session.begin_boot(1, now, kept, None, float(day.temperature_c[round(now * of.rate_hz)]))
-        said += session.handle(batch).said
+        said += handle(session, batch).said
     return restarts, [words for words in said if "DEGRADED: rests disagree" in words]
 
 

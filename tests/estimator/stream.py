@@ -14,6 +14,7 @@ from bridge.sim.motion_scripts import SessionPlan, TurnPlan, flat, session
 from bridge.wire.messages import BootCause, Calibration, CorrectedBatch, DeviceInfo, SampleBatch
 from estimator.device.batch_correction import Cut, batch_of, correct
 from estimator.device.correction import Correction
+from estimator.device.orientation import OrientedCut, oriented
 from estimator.device.outcome import Outcome
 from estimator.device.prior_knowledge import PriorKnowledge
 from estimator.device.session import DeviceSession
@@ -135,8 +136,19 @@ def info(boot: int = 1, *, firmware: str = "1.0", model: str = "m") -> DeviceInf
     )  # fmt: skip
 
 
+@dataclass(slots=True)
 class Fed(Outcome):
-    """What several batches led to, together."""
+    """What several batches led to, together: also the corrected ones, and their attitudes where they are wanted."""
+
+    corrected: list[CorrectedBatch] = field(default_factory=list)
+    oriented: list[OrientedCut] = field(default_factory=list)
+
+    def add(self, outcome: Outcome) -> None:
+        self.calibrations += outcome.calibrations
+        self.revisions += outcome.revisions
+        self.seconds += outcome.seconds
+        self.changed |= outcome.changed
+        self.said += outcome.said
 
     @property
     def calibration(self) -> Calibration | None:
@@ -144,20 +156,26 @@ class Fed(Outcome):
         return next(reversed(self.calibrations), None)
 
 
+def handle(device: DeviceSession, batch: SampleBatch) -> Fed:
+    """A batch of the present boot is corrected and learnt from at once."""
+    fed, cuts = Fed(), list[Cut]()
+    if (outcome := device.take(Samples.of(batch), cuts)) is not None:
+        fed.add(outcome)
+    fed.corrected = [batch_of(cut, rates) for cut, rates in zip(cuts, correct(cuts), strict=True)]
+    if device.attitude is not None:
+        fed.oriented = oriented([(device.attitude, cut) for cut in cuts], every=True)
+    fed.add(device.learn())
+    return fed
+
+
 def feed(device: DeviceSession, batches: Iterable[SampleBatch], remembered: PriorKnowledge | None = None) -> Fed:
     """As the service does: a new boot is begun, then the batch is handled. All that came of it in one Outcome."""
     total = Fed()
     for batch in batches:
-        outcomes = []
         if device.sequence.is_new_boot(batch.boot):
-            outcomes.append(device.begin_boot(batch.boot, float(batch.device_time[0]), remembered))
-        outcomes.append(device.handle(batch))
-        for outcome in outcomes:
-            total.corrected += outcome.corrected
-            total.calibrations += outcome.calibrations
-            total.revisions += outcome.revisions
-            total.changed |= outcome.changed
-            total.said += outcome.said
+            total.add(device.begin_boot(batch.boot, float(batch.device_time[0]), remembered))
+        total.add(fed := handle(device, batch))
+        total.corrected += fed.corrected
     return total
 
 

@@ -27,7 +27,7 @@ from bridge.wire.refusal import Refusal
 from estimator.client import Client, revised
 from estimator.device.session import DeviceSession
 from estimator.device.window_summary import Second, windows
-from tests.estimator.stream import NAME, calibration, feed
+from tests.estimator.stream import NAME, calibration, feed, handle
 from tests.memory_bus import MemoryBroker, MemoryBus
 from tests.other_languages.dump import pack
 from tests.sentences import free
@@ -305,7 +305,7 @@ def test_windows_are_read_as_python_reads_them(run: Run) -> None:
     stream = calibration(seed=1, after=[Still(4.0)]).batches(boot=2**64 - 3, first=2**40)
     looked.begin_boot(stream[0].boot, float(stream[0].device_time[0]), None)
     for batch in stream:
-        seconds += looked.handle(batch).seconds
+        seconds += handle(looked, batch).seconds
     made = windows(seconds)
     made[3] = replace(made[3], flags=made[3].flags | np.uint32(SampleFlag.CLIPPED))
     said = iter(run([message("@windowed", codec.encode_windows(one)) for one in made]))

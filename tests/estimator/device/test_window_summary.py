@@ -7,7 +7,7 @@ from bridge.sim.motion import Still
 from bridge.wire.messages import CorrectedBatch, Quality, SampleBatch
 from estimator.device.session import DeviceSession
 from estimator.device.window_summary import Second, windows
-from tests.estimator.stream import NAME, Stream, calibration
+from tests.estimator.stream import NAME, Stream, calibration, handle
 
 
 @pytest.fixture(scope="module")
@@ -23,7 +23,7 @@ def seconds_of(batches: list[SampleBatch]) -> tuple[list[Second], list[Corrected
     for batch in batches:
         if batch.boot != session.boot:
             session.begin_boot(batch.boot, float(batch.device_time[0]), None)
-        outcome = session.handle(batch)
+        outcome = handle(session, batch)
         found += outcome.seconds
         corrected += outcome.corrected
     return found, corrected

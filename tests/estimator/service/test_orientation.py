@@ -15,7 +15,7 @@ from estimator.client.stream import Stream
 from estimator.device.session import DeviceSession
 from estimator.orientation.attitude import Oriented
 from tests.estimator.memory_ward import Ward
-from tests.estimator.stream import NAME, calibration, info
+from tests.estimator.stream import NAME, calibration, handle, info
 
 
 @pytest.fixture
@@ -92,10 +92,10 @@ def test_a_restored_session_goes_on_bit_for_bit(batches: list[SampleBatch]) -> N
         session.begin_boot(1, float(batches[0].device_time[0]), None)
     half, expected = len(batches) - 45, list[Oriented]()  # calibrated: turns under way would be lost
     for i, batch in enumerate(batches):
-        found = whole.handle(batch).oriented
+        found = handle(whole, batch).oriented
         expected += [one.attitudes for one in found] if i >= half else []
     for batch in batches[:half]:
-        before.handle(batch)
+        handle(before, batch)
     state = before.state()
     assert state is not None
     after = DeviceSession.restored(state, before.calibration, NAME)
@@ -103,7 +103,7 @@ def test_a_restored_session_goes_on_bit_for_bit(batches: list[SampleBatch]) -> N
     again = [batch for batch in batches if batch.sequence + len(batch) > after.sequence.next]
     assert again[0].sequence < batches[half].sequence, "a session learns again from what it had corrected before"
     first = again[0].after(after.sequence.next - again[0].sequence)
-    goes_on = [one.attitudes for batch in [first, *again[1:]] for one in after.handle(batch).oriented]
+    goes_on = [one.attitudes for batch in [first, *again[1:]] for one in handle(after, batch).oriented]
     for column in range(3):
         np.testing.assert_array_equal(
             np.concatenate([one[column] for one in goes_on]), np.concatenate([one[column] for one in expected])

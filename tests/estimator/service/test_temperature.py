@@ -19,7 +19,7 @@ from estimator.service.store_writer import StoreWriter
 from estimator.tracking.bias_state import SLOPE, BiasState
 from estimator.tracking.temperature_law import TemperatureLaw
 from tests.estimator.memory_ward import Ward
-from tests.estimator.stream import NAME, Stream, feed, info
+from tests.estimator.stream import NAME, Stream, feed, handle, info
 from tests.estimator.tracking.test_temperature_law import LAW, boot, learnt
 from tests.memory_bus import MemoryBroker, MemoryBus
 from tests.sim.day import simulate_day
@@ -89,7 +89,7 @@ def error(of: Stream, law: TemperatureLaw | None) -> float:
     first, *rest = batches(of, 2, accel=False)
     device.begin_boot(2, float(first.device_time[0]), None, law)
     for batch in [first, *rest]:
-        device.handle(batch)
+        handle(device, batch)
         end = batch.sequence + len(batch) - 1
         if of.time[end] > 60:
             errors.append(device.tracker.bias - of.bias[end])
@@ -102,7 +102,7 @@ def test_a_wrong_law_is_given_up_and_told_once() -> None:
     device, said = DeviceSession(NAME), []
     device.begin_boot(1, 0.0, None, wrong)
     for batch in batches(of, 1):
-        said += device.handle(batch).said
+        said += handle(device, batch).said
     assert device.status(0).events["temperature law disagrees"] == 1
     assert sum("temperature" in words for words in said) == 1
     off = np.degrees(np.abs(device.tracker.bias - of.bias[-1]))
