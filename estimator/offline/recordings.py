@@ -14,6 +14,7 @@ from bridge.reasons.catalogue import english
 from bridge.recording import TICK_S, Recording, RecordingError, Told
 from bridge.terminal.plurals import count
 from bridge.wire import keys
+from bridge.wire.batches import TOLD
 from bridge.wire.messages import BootCause, Calibration, CorrectedBatch, DeviceInfo, SampleBatch, SampleFlag, Verdict
 from bridge.wire.refusal import Tally
 from estimator.calibration.capture import Samples
@@ -236,7 +237,7 @@ class _Pass:
         # The last block brought this calibration; a block's knowledge is used from the end of the next block on.
         if self._smooth:
             known = self._session.learnt.correction()
-            self._last = replace(last, calibration=known.calibration, **known.told._asdict())
+            self._last = replace(last, calibration=known.calibration, **dict(zip(TOLD, known.told, strict=True)))
         else:
             self._said.append(_AT_THE_END)
 
