@@ -10,6 +10,7 @@ from bridge.reasons.catalogue import english
 from bridge.recording import Recording, RecordingError
 from bridge.terminal.plurals import count
 from bridge.wire import keys
+from bridge.wire.batches import TOLD
 from bridge.wire.messages import Calibration, CorrectedBatch, SampleBatch, Verdict
 from estimator.calibration.capture import Samples
 from estimator.calibration.clipping import at_range
@@ -245,7 +246,7 @@ class _Pass:
         # The last block brought this calibration; a block's knowledge is used from the end of the next block on.
         if self._smooth:
             known = self._session.learnt.correction()
-            self._last = replace(last, calibration=known.calibration, **known.told._asdict())
+            self._last = replace(last, calibration=known.calibration, **dict(zip(TOLD, known.told, strict=True)))
         else:
             self._said.append(_AT_THE_END)
 

@@ -45,7 +45,7 @@ def assert_as_the_codec_says(found: Samples | Refusal, payload: bytes) -> None:
         assert found.reason == refused.value.reason
         return
     expected = Samples.of(codec.decode_samples(KEY, payload))
-    for name in Samples.__slots__:
+    for name in Samples._fields:
         mine, theirs = getattr(found, name), getattr(expected, name)
         np.testing.assert_array_equal(mine, theirs, err_msg=name)
         assert type(mine) is type(theirs)
