@@ -129,7 +129,7 @@ def _issue(given: argparse.Namespace) -> int:
     folder, members = Folder(given.folder), _members(given)
     if given.host and not any(member.role.serves for member in members):
         raise ValueError(
-            "--host applies to routers and pages only: leave it out, or issue a router, such as router:router-1"
+            "--host applies only to certificates of routers and pages: leave it out, or name a router, such as router:router-1"
         )
     for member in members:
         hosts = tuple(given.host) if member.role.serves else ()

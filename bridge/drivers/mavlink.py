@@ -78,7 +78,7 @@ class MavlinkDecoder(Decoder):
         self._parser = self._new_parser()
 
     def opened(self) -> None:
-        """Reset the parser for a newly opened port; the system stays the same."""
+        """Reset the parser for a newly opened port; it keeps reading the same MAVLink system id."""
         self._parser = self._new_parser()
         self._assembly.opened()
 

@@ -77,7 +77,8 @@ class Settings(RequestQueue):
     def took(self, data: bytes) -> Sequence[Notice | Battery]:
         """Handle the data of a register answer; return the notices and battery states that follow from it.
 
-        The answer is that of the open query, or of the register named in the answer where the form names it.
+        data: little-endian 16-bit registers. Some devices put the number of the first register in front; others answer the
+        last query.
         """
         register, values = self.key, struct.unpack(f"<{len(data) // 2}H", data)
         if register is None or self.sending:

@@ -63,11 +63,12 @@ class Evidence:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fit:
-    """Maximum-likelihood fit of s sessions: b (s, 3), k (s, 3), covariance (s, 6, 6) of both.
+    """Maximum-likelihood fit of s sessions: bias b (s, 3), rad/s, scale factors k (s, 3), their covariance (s, 6, 6).
 
-    gain (s, 6, 3r + 9): change of b and k per unit of each residual.
-    turn_b (s, 3, 3): most likely bias during each turn, b + w. f (s, 3, 3): residuals of the turns at that bias.
-    f_turn (s, 3, 3), f_cov (s, 3, 3, 3): residuals of the turns at b, and their covariance.
+    The covariance has the order b, k. gain (s, 6, 3r + 9): change of b and k per unit of each residual of the r rests
+    (rad/s) and 3 turns (rad). turn_b (s, 3, 3): most likely bias during each turn, b + w, where w is the change of the bias.
+    f (s, 3, 3): residuals of the turns, rad, at that bias. f_turn (s, 3, 3), f_cov (s, 3, 3, 3): residuals of the turns
+    at b, rad, and their covariance.
     rest_misfit (s,), chi2 (s,): squared residuals at b over their covariance, of the rests and of all together.
     """
 

@@ -69,8 +69,9 @@ class Fit:
 
 
 def fit(data: Transitions, knobs: TransitionKnobs | None = None) -> Fit:
-    """Fit bias (rad/s), full matrix and accelerometer errors, theta (21,), to all movements by weighted least squares.
+    """Fit bias (rad/s), 3x3 gyro matrix and accelerometer errors to all movements by weighted least squares.
 
+    Units and order of the 21 parameters: gravity_propagation.PARAMETERS.
     Raises LinAlgError when the movements do not determine the parameters.
     """
     knobs = knobs or TransitionKnobs()

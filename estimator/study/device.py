@@ -108,7 +108,10 @@ class Hand(Struct, frozen=True, forbid_unknown_fields=True):
     replacement_deg: float
 
     def pieces(self, rng: np.random.Generator) -> list[Piece]:
-        """Return the motion of the paper's session: rest, 360° clockwise about x, rest, y, rest, z, rest."""
+        """Return the motion of the paper's session as pieces: rest, turn about x, rest, turn about y, rest, turn about z, rest.
+
+        Each turn is −360° about the positive axis. Lengths, wobble, tilt and misplacement are those of this scenario.
+        """
         turns = tuple(TurnPlan(axis, -360.0) for axis in range(3))
         plan = SessionPlan(self.rest_s, turns, self.turn_s, self.wobble_deg, self.tilt_deg, self.replacement_deg)
         return session(rng, plan)

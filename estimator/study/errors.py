@@ -59,7 +59,7 @@ class Errors(Struct, frozen=True):
     honesty: list[Honesty]
 
     def of(self, noise: float, method: str) -> list[Row]:
-        """Return the rows of the six parameters by one method at one noise, °/s."""
+        """Return six rows of the table, one a parameter (3 scale factors, 3 biases), of one method at one noise, °/s."""
         return [row for row in self.rows if (row.noise_dps, row.method) == (noise, method)]
 
 

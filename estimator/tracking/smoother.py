@@ -44,9 +44,10 @@ class History:
         return len(self._steps)
 
     def add(self, time: float, x: Floats, P: Floats, step: Step, bent: Floats | None = None) -> None:
-        """Store the filter's state x (n,), P (n, n) at a device time, s, and the prediction step that led to it.
+        """Store the filter's state x (n,) and covariance P (n, n) at a device time, s, and the step that predicted them.
 
-        bent (6,): deterministic change that was added to the state, or None.
+        step: the prediction's matrices F and Q (n, n). n and units as in bias_filter.py; its first 6 states are kept.
+        bent (6,): known change that the prediction added to these states, or None.
         """
         known = self._steps[-1].known if self._steps else _NOTHING
         F = step.F[:OWN, :OWN]

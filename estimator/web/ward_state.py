@@ -38,7 +38,7 @@ LOOKED_S = 2.0
 DEVICES, STRANGERS = 4200, 256
 #: an uncalibrated device without recent statuses is forgotten after this long, s, while other devices have statuses; so is
 #: one that never had a status, and that no live bridge lists
-FORGET_S = 120.0
+FORGET_S = 60.0
 #: most bridges named that list too many devices, and most ids whose liveliness is known
 _NAMED, _TOKENS = 8, 1024
 CALIBRATIONS, NOTES, BOOTS = 50, 50, 50

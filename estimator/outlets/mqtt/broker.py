@@ -98,7 +98,7 @@ class Broker:
         except ssl.SSLCertVerificationError as error:
             raise BusError(
                 f"broker {address} shows a certificate that is not trusted ({error.verify_message}): name its authority"
-                " with ?ca=FILE, and the broker as the certificate does"
+                " with ?ca=FILE, and write the broker's host as it stands in the certificate"
             ) from None
         except OSError as error:
             if address.tls and isinstance(error, ssl.SSLError | ConnectionResetError):

@@ -119,7 +119,7 @@ def test_a_revoked_name_is_listed_and_never_used_again(pki: Path, capsys: pytest
         (["router", "router:r", "--ward", "w", "--listen", "tcp/127.0.0.1:1"], "needs tls"),
         (["router", "router:r", "--ward", "w", "--listen", "tls/a:1", "--join", "tcp/b:1"], "needs tls"),
         (["router", "router:r", "--ward", "w", "--listen", "tls/a:1"], "router:r: no certificate in"),
-        (["issue", "bridge:b2", "--host", "10.0.0.5"], "--host applies to routers and pages only"),
+        (["issue", "bridge:b2", "--host", "10.0.0.5"], "--host applies only to certificates of routers and pages"),
     ],
 )
 def test_what_cannot_be_is_said(

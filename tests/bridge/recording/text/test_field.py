@@ -77,8 +77,8 @@ def test_04_a_reboot_is_said_to_be_one() -> None:
 
 def test_05_the_first_line_of_a_file_is_whole(capsys: pytest.CaptureFixture[str]) -> None:
     path = FIELD / "05-header-in-the-first-line-of-a-log" / "dataLog00001.TXT"
-    assert main(["bridge", "try", "openlog-artemis", str(path)]) == 0
-    assert "300 samples in 1 boot" in capsys.readouterr().out
+    assert main(["recording", "inspect", str(path), "--profile", "openlog-artemis"]) == 0
+    assert "300 samples" in capsys.readouterr().out
     assert len(load(path)) == len(load_capture(path, "", "openlog-artemis", Reading())) == 300
 
 
