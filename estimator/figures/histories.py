@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from datetime import UTC, datetime, timedelta, tzinfo
 from pathlib import Path
+from threading import Lock
 from typing import Any, BinaryIO
 
 import matplotlib as mpl
@@ -28,6 +29,8 @@ _DARK: dict[Any, str] = dict.fromkeys(
 )
 _BRIGHT = ("#7fbaff", "#ffb066", "#4fcfa8")
 _DARK |= {"figure.facecolor": "#171e24", "axes.facecolor": "#171e24", "savefig.facecolor": "#171e24"}
+#: matplotlib's colours are those of the whole process: threads draw one after the other
+_COLOURING = Lock()
 #: date formats without month names: for years, months, days, hours, minutes, seconds
 _NUMBERS = ["%Y", "%Y-%m", "%m-%d", "%H:%M", "%H:%M", "%S.%f"]
 _NUMBERED = ["", "%Y", "%Y-%m", "%Y-%m-%d", "%Y-%m-%d", "%Y-%m-%d %H:%M"]
@@ -50,7 +53,7 @@ def history(
     dark: for a dark page. narrow: for a phone. zone: of the times shown.
     """
     warm = any(np.isfinite(boot.temperature_c).any() for boot in of.biases)
-    with mpl.rc_context(_DARK if dark else {}):
+    with _COLOURING, mpl.rc_context(_DARK if dark else {}):
         figure = Figure(figsize=(4.4, 6.6) if narrow else (12, 7), dpi=130)
         panels = figure.subplots(3 + warm, 1, sharex=True)
         for axis, panel in enumerate(panels[:3]):
