@@ -31,7 +31,7 @@ from bridge.terminal.plurals import count
 from bridge.terminal.tables import Column, Columns
 from bridge.text.profile import load_profile, shipped
 
-_DONE = 0
+_DONE, _NOT_USED = 0, 1
 _LOOK_S = 0.2
 #: a changed file is read after the estimator has read it, so that a new device begins with its model
 _SETTLED_S = 1.0
@@ -167,6 +167,13 @@ def _serve(ward: str, bridge: Bridge, connect: Routers, file: WardFile[Root] | N
                 watched.look(time.monotonic(), connected=bus.connected)
                 if file and (new := file.look(time.monotonic())) and new.bridge:
                     running.change(new.bridge.devices)
+            if running.over and running.refused:
+                names = ", ".join(sorted(running.refused))
+                _log.error(
+                    "the estimator used no sample that was played as %s: play the recording as another device, with --device ID",
+                    names,
+                )
+                return _NOT_USED
     return _DONE
 
 

@@ -11,6 +11,7 @@ from typing import Self
 from bridge.bus.contract import Bus, BusError, Declared, Publisher
 from bridge.config.schema import Bridge, Device
 from bridge.ingest.device_thread import DeviceThread, Taken
+from bridge.ingest.duplicate_bridges import DuplicateBridges
 from bridge.ingest.intake import Intake
 from bridge.ingest.merge_batches import merged
 from bridge.reasons.codes import Code
@@ -131,6 +132,7 @@ class Pump:
         self._all: list[_Running] = []
         #: held while devices are published, so that no publisher is closed meanwhile
         self._publishing = threading.Lock()
+        self._duplicates = DuplicateBridges(bus, ward, config.id)
         self._alive = bus.declare_alive(keys.build(ward, "alive/bridge", bridge=config.id))
         self._add(config.devices)
         self._stop = threading.Event()
@@ -149,6 +151,11 @@ class Pump:
         """True if every device has ended for good, as played recordings do."""
         return all(thread.over for thread, _ in self._all)
 
+    @property
+    def refused(self) -> frozenset[str]:
+        """Ids of the devices whose samples the estimator takes from another bridge."""
+        return frozenset(self._duplicates.refused)
+
     def __enter__(self) -> Self:
         for thread, _ in self._all:
             thread.start()
@@ -164,6 +171,7 @@ class Pump:
         self._publish(self._all, last=True)
         for _, publisher in self._all:
             publisher.close()
+        self._duplicates.close()
         self._alive.close()
 
     def change(self, devices: Sequence[Device]) -> None:
@@ -193,6 +201,7 @@ class Pump:
     def _list(self) -> None:
         """List the devices for the publishing thread, which reads the list again before each group of devices."""
         self._all = list(self._devices.values())
+        self._duplicates.devices = frozenset(device.id for device in self._devices)
 
     def _run(self) -> None:
         """Publish one group of devices (share) after the other; its devices are woken to read half a step earlier."""
@@ -213,6 +222,7 @@ class Pump:
     def _publish(self, some: Iterable[_Running], *, last: bool = False) -> None:
         self.turned_s = now_s = time.monotonic()
         with self._publishing:
+            self._duplicates.hear()
             for thread, publisher in some:
                 if not publisher.closed:
                     self._publish_one(thread, publisher, now_s, last=last)

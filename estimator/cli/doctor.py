@@ -18,13 +18,14 @@ from bridge.diagnose import machine, port_access
 from bridge.diagnose.finding import Finding, Level, ok, trouble, warning
 from bridge.diagnose.router import answers, certificate, page_certificate, renewal, router
 from bridge.diagnose.serial_ports import find
+from bridge.ingest import duplicate_bridges
 from bridge.reasons.catalogue import english
 from bridge.terminal.console import plain_console
 from estimator.cli import reload
 from estimator.client import Client
 from estimator.config.schema import Ward
 from estimator.kernels.compiled import cache_folder
-from estimator.service import duplicate_bridges, overload
+from estimator.service import overload
 
 _MARKS = {Level.OK: ("✓", "green"), Level.WARNING: ("!", "yellow"), Level.TROUBLE: ("✗", "red")}
 _FINE, _TROUBLE = 0, 1

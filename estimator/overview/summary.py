@@ -5,13 +5,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from bridge.ingest import duplicate_bridges
 from bridge.reasons.catalogue import english, in_words, sentences_as_json
 from bridge.reasons.codes import Code, Sentence, Sentences
 from bridge.wire.messages import DeviceInfo, Placement, State, Status
 from estimator.device.admission import ELSEWHERE
 from estimator.device.attention import complaints, ended, needs_person
 from estimator.overview.ward import listed
-from estimator.service import duplicate_bridges, overload
+from estimator.service import overload
 from estimator.service.periodic_checks import EVENT
 from estimator.service.quota import FLOODED
 

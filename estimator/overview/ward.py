@@ -6,12 +6,12 @@ from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
+from bridge.ingest import duplicate_bridges
 from bridge.reasons.catalogue import sentences_as_json
 from bridge.reasons.codes import Code, Sentences
 from bridge.wire.messages import DeviceInfo, Placement, Quality, State, Status
 from estimator.device.attention import LOW_BATTERY_PERCENT, complaints, ended, needs_person
 from estimator.device.lifecycle import NEVER_S
-from estimator.service import duplicate_bridges
 
 #: seconds without a status after which a device counts as silent; a status comes once a second
 SILENT_S = 3.5

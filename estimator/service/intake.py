@@ -5,6 +5,7 @@ import time
 from collections.abc import Callable, Sequence
 
 from bridge.bus.contract import Message
+from bridge.ingest import duplicate_bridges
 from bridge.reasons.catalogue import english
 from bridge.wire import codec, keys
 from bridge.wire.refusal import Refusal
@@ -13,7 +14,6 @@ from estimator.device.batch_correction import Cut, correct
 from estimator.device.orientation import oriented
 from estimator.device.outcome import Outcome
 from estimator.samples.sample_buffer import Samples
-from estimator.service import duplicate_bridges
 from estimator.service.boot_start import Boots
 from estimator.service.decode import decode
 from estimator.service.device import Device

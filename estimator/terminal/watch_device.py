@@ -11,6 +11,7 @@ from rich.live import Live
 from rich.progress_bar import ProgressBar
 from rich.text import Text
 
+from bridge.ingest import duplicate_bridges
 from bridge.reasons.catalogue import english, in_words
 from bridge.reasons.codes import Code
 from bridge.terminal.tables import Column, Columns
@@ -21,7 +22,6 @@ from estimator.geometry.gyro_model import AXES, SIGMAS
 from estimator.overview import summary
 from estimator.overview.summary import WardSummary
 from estimator.overview.ward import SILENT_S, WardView, listed
-from estimator.service import duplicate_bridges
 from estimator.terminal.live_messages import FIRST_S, NO_DEVICE_DO, LiveMessages, interrupted
 from estimator.terminal.ward_table import table, word
 

@@ -1,6 +1,7 @@
 """A bridge end to end: devices on terminals, unplugged, rebooted, over a bus that comes and goes."""
 
 import time
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -12,11 +13,12 @@ from bridge.drivers.replayed import ReplayedOptions
 from bridge.drivers.simulated import SimulatedOptions
 from bridge.ingest.device_thread import DeviceThread, Taken
 from bridge.ingest.pump import Pump
+from bridge.reasons.catalogue import english
 from bridge.reasons.codes import Code
 from bridge.sim.pty_port import PtyPort
 from bridge.sim.virtual_device import demo_device
-from bridge.wire import keys
-from bridge.wire.messages import BootCause, SampleFlag
+from bridge.wire import codec, keys
+from bridge.wire.messages import BootCause, Quality, SampleFlag, State, Status
 from tests.bridge.ingest.published.hearing import Listener, accounted, native, published, unbroken
 from tests.memory_bus import MemoryBroker, MemoryBus
 from tests.sentences import codes
@@ -136,6 +138,31 @@ def test_a_replay_is_published_to_its_last_sample(tmp_path: Path, broker: Memory
     assert np.array_equal(np.concatenate([batch.gyro for batch in listener.batches["d1"]]), gyro)
     listener.until(lambda: listener.infos["d1"].samples == 1000)  # its last account comes behind its last sample
     assert listener.infos["d1"].boot_cause is BootCause.PORT_OPENED
+
+
+def status_of(device: str, boot: int, state: State) -> bytes:
+    three = (0.0, 0.0, 0.0)
+    return codec.encode_status(
+        Status(device, boot, 1, state, Quality.NONE, (), 0.0, (), three, three, three, "", 0, 0.0, 20.0, 0.0, 0, 0)
+    )
+
+
+def test_a_bridge_whose_device_is_refused_says_so_once(
+    broker: MemoryBroker, listener: Listener, caplog: pytest.LogCaptureFixture
+) -> None:
+    words = english(Code.TWO_BRIDGES(devices="d1", owner="b0", refused="b1"))
+    status = codec.decode_status(keys.build("w", "status", device="d1"), status_of("d1", 1, State.TRACKING))
+    config = Bridge(id="b1", batch_ms=20, devices=(Device("d1", "simulated", SimulatedOptions()),))
+    with MemoryBus(broker) as estimator, MemoryBus(broker) as bus, Pump("w", config, bus) as ward:
+        for device in ("d2", "d1", "d1"):
+            said = replace(status, device=device, bridge="b0", refused_bridges=("b1",))
+            estimator.publisher(keys.build("w", "status", device=device), cache=1).put(codec.encode_status(said))
+        listener.until(lambda: words in caplog.text)
+        assert ward.refused == {"d1"}
+        said = replace(status, bridge="b1", refused_bridges=())
+        estimator.publisher(keys.build("w", "status", device="d1"), cache=1).put(codec.encode_status(said))
+        listener.until(lambda: not ward.refused)
+    assert caplog.text.count("are refused") == 1
 
 
 def test_a_device_of_which_nothing_can_be_taken_stops_no_other(
