@@ -221,7 +221,7 @@ class _Subscription(_Declared, MessageQueue):
         new = [(n, message) for n, message in publisher.cached if n > (last or 0)]
         if new:
             if last is not None:
-                self.add_missed(new[0][0] - last - 1)
+                self.add_missed(new[0][0] - last - 1, publisher.key)
             self._last[publisher] = new[-1][0]
         return [message for _, message in new]
 

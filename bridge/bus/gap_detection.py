@@ -3,6 +3,7 @@
 Reports the gaps to fetch from publishers' caches. Times are seconds of a monotonic clock.
 """
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Generic, NamedTuple, TypeVar
@@ -54,8 +55,8 @@ class GapDetector(Generic[_T]):
         self._states: dict[Source, _State[_T]] = {}
         self._lacking: dict[Source, _State[_T]] = {}
         self._held = 0
-        #: number of messages lost for good
-        self.missed = 0
+        #: messages lost for good, by key
+        self.missed: Counter[str] = Counter()
 
     def take(self, source: Source, number: int, message: _T, now_s: float) -> Sequence[_T]:
         """Take one live message with its number; return the messages to deliver now.
@@ -71,7 +72,7 @@ class GapDetector(Generic[_T]):
                 self._review(source, state, now_s)
             return (message,)
         self._hold(state, {number: message})
-        ready = self._settle(state, state.newest) if self._held > MOST_HELD else self._run(state)
+        ready = self._settle(source, state, state.newest) if self._held > MOST_HELD else self._run(state)
         self._review(source, state, now_s)
         return ready
 
@@ -87,7 +88,7 @@ class GapDetector(Generic[_T]):
         `now_s`: seconds of a monotonic clock.
         """
         state = self._state(source)
-        ready = self._fill(state, found)
+        ready = self._fill(source, state, found)
         self._review(source, state, now_s)
         return ready
 
@@ -107,12 +108,12 @@ class GapDetector(Generic[_T]):
         PATIENCE_S.
         """
         state, before = self._state(source), self._state(source).next
-        ready = self._fill(state, found)
+        ready = self._fill(source, state, found)
         state.asked = False
         if state.next > before:
             state.tries, state.since_s = 0, now_s
         elif now_s - state.since_s >= PATIENCE_S:
-            ready += self._settle(state, state.newest)
+            ready += self._settle(source, state, state.newest)
             state.newest = state.next - 1
         state.due_s = now_s + min(PAUSE_S * 2**state.tries, LONGEST_PAUSE_S)
         state.tries += 1
@@ -137,20 +138,20 @@ class GapDetector(Generic[_T]):
         self._held += len(state.held) - before
         state.newest = max(state.newest, *found)
 
-    def _fill(self, state: _State[_T], found: Mapping[int, _T]) -> list[_T]:
+    def _fill(self, source: Source, state: _State[_T], found: Mapping[int, _T]) -> list[_T]:
         """Deliver a cache's messages and their successors; a message missing in the answer is lost."""
         if not found:
             return []
         self._hold(state, found)
-        return self._settle(state, max(found))
+        return self._settle(source, state, max(found))
 
-    def _settle(self, state: _State[_T], last: int) -> list[_T]:
+    def _settle(self, source: Source, state: _State[_T], last: int) -> list[_T]:
         """Deliver held messages up to number `last`, and count the gaps between as missed."""
         ready: list[_T] = []
         for number in sorted(number for number in state.held if number <= last):
             if number in state.held:
                 if state.begun and number > state.next:
-                    self.missed += number - state.next
+                    self.missed[source.key] += number - state.next
                 state.next = number
                 ready += self._run(state)
         return ready

@@ -1,9 +1,11 @@
 """Bounded message queue between the bus, which must never wait, and a reader, which may be slow."""
 
 import threading
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
+
+MOST_KEYS = 1024
 
 
 class Message(NamedTuple):
@@ -27,7 +29,8 @@ class MessageQueue:
         self._messages: deque[Message] = deque()
         self._past = 0  # history messages not read yet, at most
         self._ready = threading.Condition()
-        self._missed = self._overflowed = 0
+        self._missed: Counter[str] = Counter()
+        self._overflowed = 0
         self._over = False
 
     def put(self, messages: Iterable[Message], *, past: bool = False) -> None:
@@ -40,20 +43,25 @@ class MessageQueue:
             if past:
                 self._past += len(self._messages) - before
             while len(self._messages) > self._capacity + self._past:
-                self._messages.popleft()
-                self._missed += 1
+                self._count(self._messages.popleft().key, 1)
                 self._overflowed += 1
             self._ready.notify_all()
 
-    def add_missed(self, count: int) -> None:
-        """Count `count` messages lost before they reached this queue."""
+    def add_missed(self, count: int, key: str = "") -> None:
+        """Count `count` messages lost before they reached this queue. key: their bus key; "" if unknown."""
         with self._ready:
-            self._missed += count
+            self._count(key, count)
 
     @property
     def missed(self) -> int:
-        """Number of messages known to be lost: as the bus reports, or because this queue was full."""
-        return self._missed
+        """Number of messages known to be lost, over all keys: as the bus reports, or because this queue was full."""
+        return self._missed.total()
+
+    @property
+    def missed_by_key(self) -> dict[str, int]:
+        """Number of lost messages by key, for up to MOST_KEYS keys; all other keys count under ""."""
+        with self._ready:
+            return {key: n for key, n in self._missed.items() if n}
 
     @property
     def overflowed(self) -> int:
@@ -83,6 +91,9 @@ class MessageQueue:
             taken = min(limit, len(self._messages))
             self._past = max(0, self._past - taken)
             return [self._messages.popleft() for _ in range(taken)]
+
+    def _count(self, key: str, n: int) -> None:
+        self._missed[key if key in self._missed or len(self._missed) < MOST_KEYS else ""] += n
 
     def close(self) -> None:
         """Close the queue: discard all messages and wake every reader; a second close does nothing."""

@@ -136,8 +136,9 @@ class Subscription(MessageQueue, Declared):
     def _hand_on(self, ready: Callable[[], Sequence[Message]]) -> None:
         with self._order:
             self.put(ready(), past=True)
-            self.add_missed(self._sequences.missed)
-            self._sequences.missed = 0
+            for key, count in self._sequences.missed.items():
+                self.add_missed(count, key)
+            self._sequences.missed.clear()
 
 
 def by_source(samples: Iterable[zenoh.Sample]) -> Found:

@@ -4,7 +4,7 @@ import logging
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, nullcontext
 from pathlib import Path
 
@@ -16,6 +16,7 @@ from bridge.bucket.bucket import Bucket
 from bridge.bucket.mirror import Mirror
 from bridge.bus.access_self_test import self_test
 from bridge.bus.contract import Bus, BusError, Message, Subscription
+from bridge.bus.missed_messages import describe_missed
 from bridge.bus.routers import Routers
 from bridge.bus.zenoh_bus import ZenohBus
 from bridge.recording.error import RecordingError
@@ -167,7 +168,7 @@ def _run(
 
     def said() -> str:
         fault = str(mirror.fault) if mirror is not None and mirror.fault else ""
-        return _line(recorder, now - began, now, subscription.missed, fault)
+        return _line(recorder, now - began, now, subscription.missed_by_key, fault)
 
     terminal = console.is_terminal
     with Live(console=console, refresh_per_second=2, transient=True) if terminal else nullcontext() as live:
@@ -196,11 +197,11 @@ def _run(
     console.print(said(), highlight=False, soft_wrap=True)
 
 
-def _line(recorder: WardRecorder, elapsed_s: float, now_s: float, missed: int, copy_fault: str) -> str:
+def _line(recorder: WardRecorder, elapsed_s: float, now_s: float, missed: Mapping[str, int], copy_fault: str) -> str:
     """Return a recorder's progress in one line: time, devices, samples, size, and missing or refused messages.
 
-    elapsed_s: seconds since the start. now_s: seconds of the recorder's clock. missed: number of missing messages.
-    copy_fault: why finished files are not copied to the bucket; empty if they are.
+    elapsed_s: seconds since the start. now_s: seconds of the recorder's clock. missed: number of missing messages by
+    key. copy_fault: why finished files are not copied to the bucket; empty if they are.
     """
     account = recorder.account
     silent = sum(now_s - heard > _SILENT_S for heard in account.heard.values())
@@ -211,7 +212,7 @@ def _line(recorder: WardRecorder, elapsed_s: float, now_s: float, missed: int, c
         f"{recorder.size / 1e6:.1f} MB",
     ]
     if missed:
-        parts.append(f"{missed} messages missed on the bus")
+        parts.append(describe_missed(missed))
     if refused := account.refused.total():
         parts.append(f"{refused} refused")
     if account.expired:

@@ -37,6 +37,7 @@ def test_a_full_queue_drops_its_oldest_and_counts_it(a: Bus, b: Bus) -> None:
         publisher.put(b"%d" % n)
     assert numbers(collect(quick, 1000)) == list(range(1000))
     eventually(lambda: slow.missed - missed == 990)
+    assert slow.missed_by_key == {"t/full": slow.missed}
     assert numbers(slow.drain(100, 1.0)) == list(range(990, 1000))
 
 

@@ -66,6 +66,7 @@ def test_what_an_outage_took_for_good_is_counted(world: World, a: Bus, b: Bus) -
     world.start()
     assert numbers(collect(subscription, 10)) == list(range(91, 101))
     eventually(lambda: subscription.missed == 90)
+    assert subscription.missed_by_key == {"t/lost": 90}
 
 
 def test_an_outage_does_not_close_a_subscription(world: World, a: Bus) -> None:
