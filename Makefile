@@ -111,8 +111,9 @@ supply: setup-dev
 fuzz: setup-dev
 	$(BIN)/python -m tests.fuzz $(ARGS)
 
-# The same tests as in `make test`, with thousands of kills, flipped bits and torn files; for a night.
+# The same tests as in `make test`, with thousands of kills, flipped bits and torn files, and new random examples; for a night.
 soak: setup-dev
+	TRUERATE_SOAK=1 $(BIN)/python -m pytest -m 'not ward and not soak' tests/laws tests/bridge tests/estimator
 	TRUERATE_SOAK=1 $(BIN)/python -m pytest -m soak --timeout=36000 $(ARGS)
 
 # Seeded random faults on a ward of real processes, held against what is promised; clocks are set where libfaketime is installed.

@@ -14,7 +14,7 @@ from hypothesis import HealthCheck, settings
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
 
-# A machine that is busy is no fault of the code; a run that draws new examples is TRUERATE_SOAK=1.
+# A machine that is busy is no fault of the code. `make soak` sets TRUERATE_SOAK, and draws new examples.
 settings.register_profile(
     "unhurried",
     deadline=None,

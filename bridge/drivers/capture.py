@@ -127,6 +127,7 @@ def _table(path: Path, who: Identity, parts: list[Readings], faults: list[str], 
     elif reading.rate_hz is None:
         raise RecordingError(
             f"{path}: its {len(ticks)} samples carry no time: give the device's output data rate with --rate-hz"
+            + (f"; not decoded: {', '.join(faults)}" if faults else "")
         )
     else:
         columns["counter"] = ticks

@@ -234,8 +234,8 @@ class TextOptions(StreamOptions, frozen=True, forbid_unknown_fields=True, kw_onl
                 raise ValueError(f"{key} is {getattr(self, key):g}: use 0 (the profile's value) to 10000")
         if profile.time is None and not (profile.device.rate_hz or self.rate_hz):
             raise ValueError(
-                f"rate_hz is missing: devices of profile {self.profile!r} send no time. Give the samples per second; "
-                "`truerate bridge scan` measures it"
+                f"rate_hz is missing: devices of profile {self.profile!r} send no time. Give the samples per "
+                "second that the device's own program sends"
             )
         if not self.baud:
             msgspec.structs.force_setattr(self, "baud", profile.baud)

@@ -31,7 +31,7 @@ class Folder:
     def make(self, name: str, now: datetime) -> None:
         """Create the authority's certificate and key. Raises ValueError if the folder has an authority already.
 
-        name: the authority's common name. now: begin of its validity, a datetime in UTC.
+        name: the authority's common name. now: present time, a datetime in UTC; the validity begins EARLIER before it.
         """
         if any((self.path / there).exists() for there in (f"{_CA}.pem", f"{_CA}.key", _ISSUERS)):
             raise ValueError(
@@ -43,8 +43,9 @@ class Folder:
     def issue(self, member: Member, now: datetime, days: int = DAYS, hosts: tuple[str, ...] = ()) -> Identity:
         """Issue the first certificate and key of a member, in its current generation, and return the paths.
 
-        now: begin of its validity, a datetime in UTC. days: validity in days. hosts: names and addresses of a router or
-        page. Raises ValueError if the member has a certificate, a host is invalid or the authority ends earlier.
+        now: present time, a datetime in UTC; the validity begins EARLIER before it. days: validity in days. hosts: names
+        and addresses of a router or page. Raises ValueError if the member has a certificate, a host is invalid or the
+        authority ends earlier.
         """
         member = self.current(member)
         files = self.identity(member)
@@ -58,9 +59,9 @@ class Folder:
     def renew(self, member: Member, now: datetime, days: int | None = None) -> Identity:
         """Renew a certificate with the same name, key, hosts and issuer, and return the paths.
 
-        now: begin of the new validity, a datetime in UTC. days: validity; by default as long as that of the old
-        certificate, but not beyond the authority's end. Raises ValueError if the certificate or key is missing, or the
-        authority has expired.
+        now: present time, a datetime in UTC; the validity begins EARLIER before it. days: validity; by default as long as
+        that of the old certificate, but not beyond the authority's end. Raises ValueError if the certificate or key is
+        missing, or the authority has expired.
         """
         member = self.current(member)
         files = self.identity(member)

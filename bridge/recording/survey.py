@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from bridge.recording.contents import Tell, contents
@@ -115,9 +115,19 @@ class Device:
     placements: dict[int, Placement] = field(default_factory=dict)  # by since_ns
 
     def wear(self, status: Status) -> None:
-        """Record the placement of the device that a status message states, if any."""
-        if status.placement is not None:
-            self.placements[status.placement.since_ns] = status.placement
+        """Record the placement of the device that a status message states, if it is a new one.
+
+        A status without a placement ends the earlier one. A placement without a begin holds from the start of the
+        recording, or from the status that first has it.
+        """
+        last, one = next(reversed(self.placements.values()), None), status.placement
+        if one is None and last is not None:
+            one = Placement()
+        if one is None or (not one.since_ns and last is not None and str(one) == str(last)):
+            return
+        if not one.since_ns:
+            one = replace(one, since_ns=status.time_ns if self.placements else 0)
+        self.placements[one.since_ns] = one
 
     def worn(self, first_ns: int, last_ns: int) -> tuple[Placement, ...]:
         """Return the placements that held in a span of host time, in order.

@@ -7,9 +7,9 @@ The type is a msgspec Struct of Structs that forbid unknown fields. A class that
 import difflib
 import re
 import tomllib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Final, TypeVar
 
 import msgspec
 import msgspec.inspect as inspection
@@ -29,6 +29,11 @@ _NAME = r"""(?:[\w-]++|"(?:[^"\\\n]|\\.){0,200}+"|'[^'\n]*+')"""
 _LONG_NAME = re.compile(rf"(?<![\w-])(?:{_NAME}[ \t]*+\.[ \t]*+){{{MAX_PARTS}}}")
 _PATH = re.compile(r"(?P<text>.*?)(?: - at `(?P<path>\$[^`]*)`)?\Z", re.DOTALL)
 _STEP = re.compile(r"\.([^.\[]+)|\[(\d+)\]|\[\.\.\.\]")
+#: keys of earlier ward files: what to do instead
+_REMOVED: Final[Mapping[tuple[str | int, ...], str]] = {
+    ("devices", "file"): "list the ids in `enrolled`: a change of the ward file takes effect at once",
+    ("estimator", "placements"): "say who wears a device with `truerate placement set`, or on the device's page",
+}
 _UNKNOWN = re.compile(r"Object contains unknown field `(.*)`")
 _MISSING = re.compile(r"Object missing required field `(.*)`")
 _NO_CHOICE = re.compile(r"Invalid enum value '?(.*?)'?")
@@ -119,6 +124,7 @@ def _sentence(error: msgspec.ValidationError, kind: type[Any]) -> str:
     own = isinstance(error.__cause__, ValueError)
     if unknown := _UNKNOWN.fullmatch(said):
         hint = nearest(unknown[1], _names(inspection.type_info(kind), steps))
+        hint = _REMOVED.get((*steps, unknown[1])) or hint
         return f"{_table(steps)}unknown key {unknown[1]!r}; {hint}"
     if missing := _MISSING.fullmatch(said):
         return f"{_table(steps)}the key {missing[1]!r} is missing: add it"

@@ -62,9 +62,11 @@ def asked(
     A program is given patience_s to read a content of this digest. With a certificate that is not a commander's, only
     the program of the same certificate may be asked.
     """
-    deadline = time.monotonic() + patience_s
     for member in _members(bus, routers, ward):
-        key = keys.build(ward.ward, "config", role=member.role.value, name=member.name)
+        key, deadline = (
+            keys.build(ward.ward, "config", role=member.role.value, name=member.name),
+            time.monotonic() + patience_s,
+        )
         runs = member.role in (Role.BRIDGE, Role.ESTIMATOR)  # it was found alive, and may be too busy to answer in time
         while (reply := _answer(bus, key)) is None or reply.request_id != digest:
             if time.monotonic() >= deadline or (reply is None and not runs):

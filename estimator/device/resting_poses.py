@@ -46,6 +46,8 @@ class RestingPoses:
         """Restore a saved state, and calibrate by its poses. Raises ValueError for a damaged one."""
         shaped(state.poses, -1, 5, finite=True)
         shaped(state.rest, 6, finite=True)
+        if state.rest[0] and not state.rest[1] > 0:
+            raise ValueError("damaged state: a rest without samples")
         self._poses, self._rest = state.poses, state.rest.tolist()
         self._calibrate()
 

@@ -45,7 +45,11 @@ def batches(recording: Recording, gyro_range: float, size: int) -> Iterator[Samp
 
 
 def _check_range(recording: Recording, gyro_range: float) -> None:
-    """Refuse readings far beyond the range: live they are dropped, but here every sample needs a row."""
+    """Refuse readings far beyond the range, or not finite: live they are dropped, but here every sample needs a row."""
+    read = recording.gyro if recording.accel is None else np.hstack((recording.gyro, recording.accel))
+    odd = np.flatnonzero(~(np.abs(read) <= np.finfo(np.float32).max).all(axis=1))
+    if len(odd):
+        raise RecordingError(f"{recording.name}: sample {odd[0]} is not a finite number: leave such samples out")
     limit = PLAUSIBLE * gyro_range if gyro_range else np.inf
     beyond = np.flatnonzero(np.any((recording.gyro > limit) | (recording.gyro < -limit), axis=1))
     if len(beyond):

@@ -70,8 +70,8 @@ def _packed(array: Floats) -> tuple[str, tuple[int, ...], bytes]:
 
 def _unpacked(_: type, packed: Any) -> Floats:
     kind, shape, data = msgspec.convert(packed, tuple[str, tuple[int, ...], bytes])
-    if any(n < 0 for n in shape) or prod(shape) > _MOST_VALUES:
-        raise ValueError(f"an array of shape {shape}")
+    if len(shape) > 3 or any(n < 0 for n in shape) or prod(shape) > _MOST_VALUES:
+        raise ValueError(f"an array of {len(shape)} dimensions, or of negative or too many values")
     if kind == "s":
         if len(shape) != 2 or shape[0] != shape[1]:
             raise ValueError(f"a symmetric matrix of shape {shape}")

@@ -21,8 +21,10 @@ from estimator.web.ward_topics import RATES_S
 POINTS, LINES = 300, 12
 #: largest NIS per degree of freedom that is drawn
 _MOST = 20.0
-#: the mean NIS of LINES receipts of a right filter exceeds this about once in a thousand times
+#: the mean NIS of LINES receipts of a right filter exceeds this less than three times in a thousand (chi-square)
 _LARGE = 2.5
+#: fewest receipts by which a filter is said to refuse many
+_SOME = 4
 #: interval of heading frames, s
 _HEADING_S = 1.0
 
@@ -172,6 +174,7 @@ class ReceiptTopic(topics.Topic):
     def __init__(self, topic: str, desk: Desk) -> None:
         super().__init__(topic, desk)
         self._kept = deque[Receipt](maxlen=POINTS)
+        self._boot = 0
 
     def whole(self, now: float, now_ns: int) -> Iterable[Frame]:  # noqa: ARG002 - of a topic
         """Yield one text frame with all kept receipts; nothing for an unknown device.
@@ -180,6 +183,9 @@ class ReceiptTopic(topics.Topic):
         """
         if (story := self._story) is None:
             return
+        if story.status is not None and story.status.boot != self._boot:
+            self._kept.clear()
+            self._boot = story.status.boot
         latest_ns = self._kept[-1].time_ns if self._kept else 0
         self._kept += [one for one in story.trail.receipts if one.time_ns > latest_ns]
         nis = story.status.nis if story.status is not None else 0.0
@@ -187,21 +193,19 @@ class ReceiptTopic(topics.Topic):
         lines = [_line(one, self._t) for one in reversed(latest)]
         points = [(one.time_ns / 1e9, min(one.nis / len(one.innovation), _MOST), one.accepted) for one in self._kept]
         mean = self._t("device.nis_mean", nis=f"{nis:.2f}") if nis else ""
-        verdict, tone = _verdict(latest, nis)
+        verdict, tone = _verdict(latest)
         about = {"verdict": self._t(f"device.filter_{verdict}"), "tone": tone, "mean": mean, "lines": lines}
         yield topics.text(self._topic, {**about, "points": points})
 
 
-def _verdict(latest: Sequence[Receipt], nis: float) -> tuple[str, str]:
-    """Judge the filter by its latest receipts: name of the text that says what to do, and tone.
-
-    nis: mean per degree of freedom, as in Status.
-    """
+def _verdict(latest: Sequence[Receipt]) -> tuple[str, str]:
+    """Judge the filter by its latest receipts: name of the text that says what to do, and tone."""
     if not latest:
         return "waits", "busy"
-    if 2 * sum(one.accepted for one in latest) <= len(latest):
+    if len(latest) >= _SOME and 2 * sum(one.accepted for one in latest) <= len(latest):
         return "refuses", "ask"
-    return ("doubts", "ask") if nis > _LARGE and len(latest) == LINES else ("well", "well")
+    large = len(latest) == LINES and sum(one.nis / len(one.innovation) for one in latest) > LINES * _LARGE
+    return ("doubts", "ask") if large else ("well", "well")
 
 
 def _line(one: Receipt, t: Texts) -> tuple[str, ...]:

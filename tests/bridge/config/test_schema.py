@@ -111,6 +111,10 @@ DEVICE = (
         ('ward = "w"\n[brigde]', "unknown key 'brigde'; did you mean 'bridge'?"),
         ('[bridge]\nid = "b"', "the key 'ward' is missing: add it"),
         (
+            'ward = "w"\n[devices]\nenrolled = ["a"]\nfile = "more.txt"',
+            "[devices]: unknown key 'file'; list the ids in `enrolled`: a change of the ward file takes effect at once",
+        ),
+        (
             'ward = "w"\n[bridge]\nid = "b"\nbatch_ms = "5"',
             "[bridge]: key 'batch_ms': expected a number, got text in quotes",
         ),

@@ -31,6 +31,11 @@ def witmotion(kind: int, words: list[int]) -> bytes:
     return frame + bytes((sum(frame) & 0xFF,))
 
 
+def test_the_profiles_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["bridge", "profiles"]) == 0
+    assert "openlog-artemis" in capsys.readouterr().out
+
+
 def test_serial_witmotion_tells_no_time_and_loses_no_sample(tmp_path: Path) -> None:
     rows = zip(ACCEL_COUNTS.tolist(), GYRO_COUNTS.tolist(), strict=True)
     data = b"".join(witmotion(0x51, [*a, 2500]) + witmotion(0x52, [*g, 2500]) for a, g in rows)

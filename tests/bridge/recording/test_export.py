@@ -139,6 +139,19 @@ def test_a_placement_is_in_the_events_and_in_bids(tmp_path: Path) -> None:
     assert {row["placement"] for row in table_of(channels_tsv)} == {"humerus left, bed-3"}
 
 
+def test_after_an_erased_placement_nobody_wears_the_device(tmp_path: Path) -> None:
+    part = run("one", 0, 200)
+    first = next(decode_samples(message.key, message.payload) for message in part if "raw" in message.key)
+    key = keys.build(keys.parse(part[0].key).ward, "status", device="one")
+    (tmp_path / "rec").mkdir()
+    said = [
+        Message(key, encode_status(replace(status("one", first.start_time_ns + after), placement=worn)))
+        for after, worn in ((0, Placement("torso", "", "bed-1", 5, "bo")), (S // 2, None))
+    ]
+    (stretch,) = read(recorded(tmp_path / "rec", [about("one"), *part, *said])).stretches["one"]
+    assert [str(one) for one in stretch.placements] == ["torso, bed-1", "nobody"]
+
+
 def test_what_somebody_wrote_is_no_formula_of_a_spreadsheet(some: Recorded, tmp_path: Path) -> None:
     (note,) = some.notes
     said = ['=cmd|" /C calc"!A0', "@SUM(1)", "+1", "-1", "1+1", "sat up"]

@@ -103,6 +103,15 @@ def test_after_a_silence_the_bias_is_as_uncertain_as_it_is_long_from_the_first_s
     assert (first < 1.1 * later).all(), "and no more uncertain than seconds later"
 
 
+@pytest.mark.parametrize("odd", [np.nan, np.inf, 1e39])
+def test_a_recording_with_a_sample_that_is_no_number_is_refused(day: Stream, odd: float) -> None:
+    of = recorded(day)
+    gyro = of.gyro.copy()
+    gyro[500, 1] = odd
+    with pytest.raises(RecordingError, match="sample 500 is not a finite number"):
+        correct(replace(of, gyro=gyro))
+
+
 @pytest.mark.parametrize("ranged", [False, True])
 def test_a_replay_through_the_bridge_gives_the_same_bits(day: Stream, ranged: bool) -> None:
     """Playback, the bridge's door, and the session as the service feeds it."""

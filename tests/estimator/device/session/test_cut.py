@@ -1,15 +1,18 @@
 """A run that is cut, saved as bytes and gone on with elsewhere equals the whole run, bit for bit."""
 
+import zlib
 from dataclasses import replace
 from functools import cache
 
+import msgspec
 import numpy as np
 import pytest
 
 from bridge.reasons.codes import Code
 from bridge.wire.messages import BiasRevision, CorrectedBatch, SampleBatch, State, Status
+from estimator.device.resting_poses import PosesState, RestingPoses
 from estimator.device.session import TURNS_LOST, DeviceSession
-from estimator.state import StateStruct, encode
+from estimator.state import StateStruct, decode, encode
 from tests.estimator.device.session.lives import again, state, worn
 from tests.estimator.stream import NAME, calibration, feed
 from tests.sentences import codes
@@ -114,6 +117,14 @@ def test_a_state_of_another_device_or_calibration_or_none_is_refused() -> None:
             DeviceSession.restored(bytes_, another, NAME)
     with pytest.raises(ValueError, match="damaged state"):
         DeviceSession.restored(b"", used, NAME)
+
+
+def test_arrays_of_endless_shape_or_rests_without_samples_are_no_state() -> None:
+    endless = ["d", [2**64 - 1] * 100_000, b""]  # the product of these would take half a minute
+    with pytest.raises(ValueError, match="100000 dimensions"):
+        decode(zlib.compress(msgspec.msgpack.encode([endless, ["d", [6], bytes(48)]])), PosesState)
+    with pytest.raises(ValueError, match="a rest without samples"):
+        RestingPoses().restore(PosesState(np.empty((0, 5)), np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0])))
 
 
 def test_a_damaged_state_is_refused_or_goes_on_with_numbers() -> None:
