@@ -133,7 +133,7 @@ def test_another_model_and_a_device_without_gyro_are_named() -> None:
     assert "hardware version is 10, but 3, a Shimmer3, is expected" in " ".join(other.notices)
     device = Shimmer()
     device.channels = CHANNELS[:3]
-    assert "sends no rate of turn" in " ".join(bench(device).run(6).notices)
+    assert "sends no gyro readings" in " ".join(bench(device).run(6).notices)
 
 
 def test_a_gyro_at_the_end_of_its_range_is_said_to_be_clipped() -> None:
