@@ -12,6 +12,7 @@ from bridge.sim.motion_scripts import SessionPlan, TurnPlan, flat, session
 from bridge.sim.sample_source import SimulatedSource
 from bridge.sim.virtual_device import VirtualDevice
 from tests.ward.parts import WAITING
+from tests.web import page_state
 
 #: it lies there until somebody turns it
 _LIES = Still(0.05)
@@ -98,7 +99,7 @@ class Hand:
             if shown in halves:
                 halves.remove(shown)
             # A quick turn may be over before a page that has much to do shows that it is made.
-            self._page.wait_for_function(f"before => {_STEP} === 'turning' || ({_TOLD})() !== before", arg=before)
+            page_state.wait_for(self._page, f"before => {_STEP} === 'turning' || ({_TOLD})() !== before", arg=before)
 
     def wait_for(self, steps: tuple[str, ...]) -> str:
         """The step the page is at, as soon as it is one of these."""

@@ -22,6 +22,7 @@ from playwright.sync_api import Browser, expect
 from estimator.demo.subscribers import Subscriber
 from estimator.demo.ward import WARD, Ward, free_port
 from tests.ward.parts import add_simulated
+from tests.web import page_state
 
 pytestmark = [pytest.mark.ward, pytest.mark.xdist_group("ward 2"), pytest.mark.timeout(240)]
 EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
@@ -151,7 +152,7 @@ def test_a_page_elsewhere_shows_the_ward(ward: Ward, heard: Subscriber, browser:
     before = int(page.locator("#of-chest td").nth(6).inner_text())
     ward.start("dashboard")
     expect(page.locator("#said")).to_have_text("connected")
-    page.wait_for_function(f"Number(document.querySelector('#of-chest').cells[6].textContent) > {before + 50}")
+    page_state.wait_for(page, f"Number(document.querySelector('#of-chest').cells[6].textContent) > {before + 50}")
     page.goto(f"http://localhost:{PAGE}/stream.html?url=http://{ward.page}&device=nobody")
     expect(page.locator("#said")).to_contain_text("No device nobody was heard")
     page.close()

@@ -17,6 +17,7 @@ from estimator.demo.ward import free_port
 from estimator.web.serve import Server
 from tests.estimator.device.test_correction import CALIBRATION
 from tests.memory_bus import MemoryBroker, MemoryBus
+from tests.web import page_state
 from tests.web.asking import PEOPLE, Asking
 from tests.web.talk import WARD, Talk, about, said
 
@@ -126,7 +127,7 @@ class Look:
         for scheme, width, height in ways if axe or self._pictures else ():
             page.emulate_media(color_scheme=scheme)
             page.set_viewport_size({"width": width, "height": height})
-            page.wait_for_function(f"document.documentElement.scrollWidth <= {width}")  # charts follow a frame later
+            page_state.wait_for(page, f"document.documentElement.scrollWidth <= {width}")  # charts follow a frame later
             if self._pictures and name:
                 page.screenshot(path=OUT / f"{name}-{scheme}-{width}.png", full_page=width == 320)
             if axe:

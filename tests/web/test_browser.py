@@ -33,6 +33,7 @@ from estimator.config.dashboard import Dashboard
 from estimator.web import number_format as words
 from tests.estimator.device.test_correction import CALIBRATION
 from tests.sentences import free
+from tests.web import page_state
 from tests.web.asking import PASSWORD, PEOPLE
 from tests.web.conftest import Look, Site
 from tests.web.talk import about, said, until
@@ -127,7 +128,7 @@ def chinese(page: Page) -> None:
     """No English sentence is seen or heard by a screen reader, but for code and what people have written; it fits 320 px."""
     assert [words for words in page.evaluate(_SHOWN) if _ENGLISH.search(_CODE.sub("", words))] == []
     page.set_viewport_size({"width": 320, "height": 900})
-    page.wait_for_function("document.documentElement.scrollWidth <= 320")
+    page_state.wait_for(page, "document.documentElement.scrollWidth <= 320")
     page.set_viewport_size({"width": 1280, "height": 900})
 
 
@@ -173,7 +174,7 @@ def test_an_alert_comes_sounds_once_it_may_and_goes(page: Page, site: Site) -> N
     expect(page.locator(f'[data-id="{names[0]}"] .placement')).to_have_text("bed-3")
     assert page.evaluate("window.beeps") == 0, "off until somebody switches it on"
     page.get_by_role("button", name="Sound of alerts").click()
-    page.wait_for_function("window.beeps > 0")
+    page_state.wait_for(page, "window.beeps > 0")
     seen = replace(lost, acknowledged_ns=now_ns(), who="anna")
     site.talk(said(names[0], State.LOST, boot=5, time_ns=now_ns(), alerts=(seen,)))
     expect(page.locator("#alerts li")).to_contain_text("Seen by anna")
@@ -195,7 +196,7 @@ def test_twenty_devices_at_one_look_sixty_on_a_wall_and_numbers_on_request(page:
     page.set_viewport_size({"width": 1440, "height": 900})
     page.goto("/")
     expect(page.locator(".advice", has_text="Calibrate it with three turns.")).to_have_count(20)
-    page.wait_for_function(f"{_SEEN} === 20")
+    page_state.wait_for(page, f"{_SEEN} === 20")
     assert not re.search(r"http|Hz|zaru|\d °/s", page.locator("main").inner_text())
     assert page.locator(".strip:visible").count() == 0
     page.get_by_role("button", name="Numbers").click()
@@ -205,12 +206,12 @@ def test_twenty_devices_at_one_look_sixty_on_a_wall_and_numbers_on_request(page:
     expect(page.locator(".strip:visible")).to_have_count(20)
     page.get_by_role("button", name="Numbers").click()
     page.set_viewport_size({"width": 390, "height": 844})
-    page.wait_for_function("document.documentElement.scrollWidth <= 390")
+    page_state.wait_for(page, "document.documentElement.scrollWidth <= 390")
     all_wait(ward(site, 60))
     page.set_viewport_size({"width": 1920, "height": 1080})
     page.goto("/?wall=1")
     expect(page.locator(".advice", has_text="Calibrate it with three turns.")).to_have_count(60)
-    page.wait_for_function(f"{_SEEN} === 60")
+    page_state.wait_for(page, f"{_SEEN} === 60")
     assert page.locator("main :is(button, input, select):visible").count() == 0
     expect(page.get_by_role("time")).to_have_text(re.compile(r"\d+:\d\d:\d\d"))
     look("wall")
@@ -240,7 +241,7 @@ def test_at_200_percent_and_by_the_keyboard_alone(page: Page, site: Site) -> Non
     def fits_and_shows(selector: str) -> None:
         expect(page.locator(selector).first).to_be_visible()
         page.wait_for_load_state()  # with its styles
-        page.wait_for_function("document.documentElement.scrollWidth <= 640")
+        page_state.wait_for(page, "document.documentElement.scrollWidth <= 640")
         box = page.locator(selector).first.bounding_box()
         assert box is not None
         assert box["y"] + box["height"] / 2 <= 450, f"{selector} is below the screen of {page.url}"
@@ -258,7 +259,7 @@ def test_at_200_percent_and_by_the_keyboard_alone(page: Page, site: Site) -> Non
         tab_to(page, f"#{depth} summary")
         page.keyboard.press("Enter")
         expect(page.locator(f"#{depth}")).to_have_attribute("open", "")
-    page.wait_for_function("document.documentElement.scrollWidth <= 640")
+    page_state.wait_for(page, "document.documentElement.scrollWidth <= 640")
 
 
 def test_a_calibration_that_was_left_is_called_so(page: Page, site: Site) -> None:
@@ -386,7 +387,7 @@ def test_a_device(page: Page, site: Site, look: Look) -> None:
     )
     drawn = """[...document.querySelectorAll("#rates canvas")].every((canvas) =>
       canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data.some((value) => value))"""
-    page.wait_for_function(drawn)
+    page_state.wait_for(page, drawn)
     # A picture is as wide as its place, though it was made while that was hidden, and nothing was resized since.
     assert page.evaluate("""[...document.querySelectorAll(".charts:not([hidden]) figure:not([hidden])")].every((figure) =>
       Math.abs(figure.querySelector(".uplot").offsetWidth - figure.clientWidth) <= 1)""")
