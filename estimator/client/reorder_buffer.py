@@ -53,6 +53,9 @@ class _Held(NamedTuple):
 class _Boot:
     next: int | None  # sequence number to deliver next; None: the lowest that arrives within the wait
     latest: CorrectedBatch  # last delivered
+    newest_ns: int = (
+        0  # latest start of a delivered batch: later than that of `latest` once the bridge's clock was set back
+    )
     held: list[_Held] = field(default_factory=list)  # sorted by sequence number, disjoint
     samples: int = 0  # total in `held`
 
@@ -80,10 +83,9 @@ class ReorderBuffer:
         """
         boot, n = self._boot(batch), len(batch)
         if batch.sequence == boot.next and not boot.held and batch.epoch >= boot.latest.epoch:
-            boot.next, boot.latest = batch.sequence + n, batch
-            self.ready.append(batch)
+            self._deliver(boot, batch)
             return
-        if _begins_anew(batch, boot.held[-1].batch if boot.held else boot.latest):
+        if _begins_anew(batch, boot.held[-1].batch if boot.held else boot.latest, boot.newest_ns):
             self._advance(boot, len(boot.held))
             boot.next, boot.latest = None if batch.sequence else 0, batch
         known = 0 if boot.next is None else min(n, max(0, boot.next - batch.sequence))
@@ -142,6 +144,11 @@ class ReorderBuffer:
         boot.samples += more
         self.repeated += len(batch) - more
 
+    def _deliver(self, boot: _Boot, batch: CorrectedBatch) -> None:
+        boot.next, boot.latest = batch.sequence + len(batch), batch
+        boot.newest_ns = max(boot.newest_ns, batch.start_time_ns)
+        self.ready.append(batch)
+
     def _advance(self, boot: _Boot, through: int = 0) -> None:
         """Deliver the first `through` held batches with reports of holes, then every batch that follows in sequence."""
         n = 0
@@ -153,9 +160,8 @@ class ReorderBuffer:
                 count, told = batch.sequence - boot.next, bool(batch.flags[0] & SampleFlag.AFTER_GAP)
                 self.missing[batch.device] = self.missing.get(batch.device, 0) + count
                 self.ready.append(Miss(batch.device, batch.boot, boot.next, count, told))
-            boot.next, boot.latest = batch.sequence + len(batch), batch
             boot.samples -= len(batch)
-            self.ready.append(batch)
+            self._deliver(boot, batch)
             n += 1
         del boot.held[:n]
         if boot.held:
@@ -164,12 +170,16 @@ class ReorderBuffer:
             self._waiting.pop(boot, None)
 
 
-def _begins_anew(batch: CorrectedBatch, newest: CorrectedBatch) -> bool:
-    """Return whether low sequence numbers mean a device restarted under its old boot number, not repeated samples."""
+def _begins_anew(batch: CorrectedBatch, newest: CorrectedBatch, newest_ns: int) -> bool:
+    """Return whether low sequence numbers mean a device restarted under its old boot number, not repeated samples.
+
+    newest: batch with the highest sequence numbers so far. newest_ns: latest start of a delivered batch, ns since the
+    Unix epoch.
+    """
     by_ns = SAME_TIME_NS if batch.epoch == newest.epoch else MISTAKEN_NS
     if (
         batch.sequence + len(batch) > newest.sequence + len(newest)
-        or batch.start_time_ns - newest.start_time_ns <= by_ns
+        or batch.start_time_ns - max(newest_ns, newest.start_time_ns) <= by_ns
     ):
         return False
     return batch.start_time_ns - int(newest.sample_time_ns[-1]) > by_ns

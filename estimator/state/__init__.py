@@ -2,6 +2,7 @@
 
 import threading
 import zlib
+from functools import lru_cache
 from math import prod
 from typing import Any, TypeVar
 
@@ -64,8 +65,13 @@ def _packed(array: Floats) -> tuple[str, tuple[int, ...], bytes]:
     if short.astype(np.float64).tobytes() == values:
         return "f", array.shape, short.tobytes()
     if array.ndim == 2 and array.shape[0] == array.shape[1] and array.T.tobytes() == values:
-        return "s", array.shape, array[np.triu_indices(len(array))].tobytes()
+        return "s", array.shape, array[_upper(len(array))].tobytes()
     return "d", array.shape, values
+
+
+@lru_cache(maxsize=32)
+def _upper(n: int) -> tuple[NDArray[np.intp], ...]:
+    return np.triu_indices(n)
 
 
 def _unpacked(_: type, packed: Any) -> Floats:
@@ -75,7 +81,7 @@ def _unpacked(_: type, packed: Any) -> Floats:
     if kind == "s":
         if len(shape) != 2 or shape[0] != shape[1]:
             raise ValueError(f"a symmetric matrix of shape {shape}")
-        array, upper = np.empty(shape), np.triu_indices(shape[0])
+        array, upper = np.empty(shape), _upper(shape[0])
         array[upper] = array.T[upper] = np.frombuffer(data, np.float64)
         return array
     return np.frombuffer(data, np.float32 if kind == "f" else np.float64).reshape(shape).astype(np.float64)

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from rich.console import Console
 
+from estimator.kernels.compiled import ready
 from tests.nemesis.clock import Clock
 from tests.nemesis.run import run
 
@@ -24,6 +25,7 @@ def main() -> int:
     parser.add_argument("--routers", type=int, help="1, and with every second seed 2, where it is not said")
     args = parser.parse_args()
     console = Console(soft_wrap=True)
+    ready()  # a first compilation takes longer than a ward may need to start
     # However it is ended, the ward it has begun ends with it.
     for number in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda got, _: sys.exit(128 + got))

@@ -137,6 +137,17 @@ def test_low_numbers_are_repeats_where_they_are_not_later_or_another_estimators(
     assert said(buffer) == [(0, 5, epoch)]
 
 
+@pytest.mark.parametrize("epoch", [1, 3])
+def test_samples_dated_by_a_wrong_clock_are_repeats_when_another_estimator_replays_them(epoch: int) -> None:
+    """The bridge's clock was an hour ahead for a moment; the estimator before, or the next one, replays its last seconds."""
+    buffer = fed((0, 70), epoch=2)
+    buffer.feed(later(70, 60 * MINUTE_NS, epoch=2), 1.0)
+    buffer.feed(numbered(75, 25, epoch=2), 1.1)
+    buffer.feed(later(70, 60 * MINUTE_NS, epoch), 1.2)
+    buffer.overdue(inf)
+    assert (said(buffer), buffer.repeated) == ([(0, 100, 2)], 5)
+
+
 # ---- any mixture ---------------------------------------------------------------------------------------------------
 
 SPANS = st.lists(st.tuples(st.integers(0, 60), st.integers(1, 12), st.integers(0, 3), st.floats(0.0, 2.0)), max_size=40)
