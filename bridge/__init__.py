@@ -1,4 +1,5 @@
-"""Devices in, samples on zenoh out; owns the wire format. Never imports `estimator`.
+"""Bridge: reads gyroscopes and publishes their samples on zenoh. Also defines the wire format. Never imports `estimator`.
 
-docs/architecture.md maps the rooms; begin at `ingest` for a sample's way and at `wire.messages` for what is published.
+docs/architecture.md maps the packages. Begin at `ingest` for the path of a sample, and at `wire.messages` for the
+messages on the bus.
 """

@@ -1,4 +1,5 @@
-"""Copies of backups and recordings in a bucket of S3-compatible storage, of which truerate deletes nothing.
+"""Backups and recordings copied to a bucket of S3-compatible storage. truerate never deletes an object there.
 
-`bucket.py` has the table [s3] and talks to the storage; `mirror.py` copies finished files on its own thread.
+`bucket.py` reads the table [s3] of the ward file and calls the storage. `mirror.py` copies finished files on its own
+thread.
 """

@@ -1,4 +1,7 @@
-"""Client of a ward's folder in a bucket of S3-compatible storage; its access keys never stand in the ward file."""
+"""S3 client: lists, uploads and downloads objects in a ward's folder of a bucket of S3-compatible storage.
+
+Access keys come from the environment or from a separate file, never from the ward file.
+"""
 
 import configparser
 import os
@@ -23,7 +26,10 @@ _CAUSE = re.compile(r'(?s).*?(?:<Code>(\w+)</Code>|InvalidCertificate\(\s*(\w+)|
 
 
 class S3(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A bucket of S3-compatible storage, to which finished backups and recordings are copied. Nothing in it is deleted."""
+    """Table [s3] of the ward file: a bucket of S3-compatible storage to which finished backups and recordings are copied.
+
+    truerate deletes nothing in the bucket. Raises ValueError for an endpoint that is neither HTTPS nor on this machine.
+    """
 
     #: address of the storage, for example `https://s3.hospital.example`
     endpoint: str
@@ -43,9 +49,10 @@ class S3(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
             )
 
     def keys(self) -> list[str]:
-        """Return the access key and the secret key, from `credentials_file`, else from the environment.
+        """Return [access key, secret key], from `credentials_file`, or per key from the environment if the file lacks the key.
 
-        Raises ConfigError if a key is missing, or if other users can read or change the file.
+        The environment variables are AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY.
+        Raises ConfigError if a key is missing or the file is unreadable, or if other users can read or change the file.
         """
         file, told = self.credentials_file, configparser.ConfigParser(interpolation=None)
         try:
@@ -59,9 +66,9 @@ class S3(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
 
 class BucketError(OSError):
-    """A request to a bucket failed.
+    """Error of a failed request to a bucket.
 
-    sentence: the reason as a code with parameters, which each reader's language translates.
+    sentence: the reason as a code with parameters, which can be shown in any supported language.
     """
 
     def __init__(self, sentence: Sentence) -> None:
@@ -70,10 +77,10 @@ class BucketError(OSError):
 
 
 class Bucket:
-    """A ward's folder in a bucket of S3-compatible storage: lists, uploads and downloads objects.
+    """Client for a ward's folder in a bucket of S3-compatible storage: lists, uploads and downloads objects.
 
-    Names of objects are relative to the ward's folder. Methods raise BucketError.
-    Raises ConfigError if the package obstore or the access keys are missing.
+    Object names are relative to the ward's folder. Methods raise BucketError if a request fails.
+    The constructor raises ConfigError if the package obstore or the access keys are missing.
     """
 
     def __init__(self, settings: S3, ward: str) -> None:
@@ -93,9 +100,10 @@ class Bucket:
         )
 
     def copies(self, folder: str) -> list[tuple[datetime, str, int]]:
-        """List the objects of a folder, newest first, as (time, name, size).
+        """List the objects of a folder, newest first, as tuples (time, name, size).
 
-        time: last change, by the storage's clock. name: within the folder. size: bytes.
+        time: last change, a datetime by the storage's clock. name: relative to the folder. size: bytes.
+        Raises BucketError if the request fails.
         """
         with self._translated():
             found = self._store.list(folder).collect()
@@ -103,14 +111,18 @@ class Bucket:
         return sorted(made, reverse=True)
 
     def upload(self, path: Path, name: str) -> None:
-        """Upload a local file as the object `name`, in parts of 5 MB; the object appears whole or not at all."""
+        """Upload a local file as the object `name`, in parts of 5 MB. After a failure, the bucket has no partial object.
+
+        Raises BucketError if the request fails or the file cannot be read.
+        """
         with self._translated():
             self._store.put(name, path, max_concurrency=2)
 
     def download(self, name: str, to: Path, progress: Callable[[int, int], None]) -> None:
-        """Download the object `name` into the file `to`, which is overwritten.
+        """Download the object `name` into the local file `to`; an existing file is overwritten.
 
-        progress(done, total): called with bytes.
+        progress(done, total): called after each part with the bytes written so far and the size of the object in bytes.
+        Raises BucketError if the request fails or the file cannot be written.
         """
         with self._translated(), to.open("wb") as file:
             for chunk in (found := self._store.get(name)).stream():

@@ -1,4 +1,4 @@
-"""Copies finished files to a bucket, on a thread of its own, and tries again what failed."""
+"""Background copy of finished files to a bucket: one thread that uploads new files and repeats failed uploads."""
 
 import logging
 import threading
@@ -15,12 +15,13 @@ LOOK_S, LAST_S = 60.0, 10.0
 
 
 class Mirror:
-    """Thread that copies finished files to one folder of a bucket, and repeats failed copies. Starts at once.
+    """Thread that copies finished files to one folder of a bucket and repeats failed copies. Starts when constructed.
 
-    An object that has the name of a file and another size is never replaced.
-    folder: within the ward's folder of the bucket. files: returns the finished local files.
-    name: returns the object's name for a file; no two files may have the same. look_s: seconds between two looks for
-    files.
+    An object in the bucket is never replaced. If it has another size than the local file of its name, `fault` reports
+    it.
+    folder: folder of the bucket, within the ward's folder. files: returns the paths of the finished local files.
+    name: returns the object name for a path; every path needs a different name.
+    look_s: seconds between two searches for new files.
     """
 
     def __init__(
@@ -40,16 +41,16 @@ class Mirror:
         self._thread.start()
 
     def has(self, path: Path) -> bool:
-        """Return whether a file is known to be in the bucket, under its name and with its size.
+        """Return True if the bucket is known to hold this file: an object with the file's name and its size in bytes.
 
-        Raises OSError if the file is gone.
+        Raises OSError if the local file is missing.
         """
         return self._there.get(self._name(path)) == path.stat().st_size
 
     def close(self) -> None:
-        """Copy the last files and end the thread, waiting for at most LAST_S seconds.
+        """Copy the files that are finished now, then end the thread; waits at most LAST_S seconds.
 
-        The next start copies the others.
+        Files not copied by then are copied after the next start of the program.
         """
         self._stop.set()
         self._thread.join(LAST_S)

@@ -1,10 +1,12 @@
-"""Access rules per role, in the format of zenoh's access control: everything else is denied. Pure.
+"""Access rules for a zenoh router: which bus keys each role may publish, subscribe to and query. No I/O.
 
-Who may recalibrate: a commander, and behind the dashboard its people; docs/security.md states both.
+Everything without a rule is denied. Only a commander may start a recalibration, and the dashboard acts as a commander
+for its users; see docs/security.md.
 
 zenoh identifies a member by the exact common name of its certificate, so the rules name every member. zenoh denies
-silently, and a subscription wider than its rule gets nothing. For the key of an advanced publisher, `KEY/@adv/**` carries
-heartbeats, history and, for publishers of other programs, the announcement of the publisher. `**` does not match `@adv`.
+silently: a subscription wider than its rule receives nothing. `KEY/@adv/**` carries the history and heartbeats of
+zenoh's advanced publishers, which keep a cache, and the announcements of advanced publishers in other programs.
+The wildcard `**` does not match the chunk `@adv`.
 """
 
 from collections.abc import Sequence
@@ -25,10 +27,10 @@ _ASKING = ("declare_subscriber", "declare_liveliness_subscriber", "liveliness_qu
 
 @dataclass(frozen=True, slots=True)
 class Rights:
-    """Bus keys that one member (program with a certificate) may use; each field is a tuple of key patterns.
+    """Bus keys that one member (a program with a certificate) may use. Each field is a tuple of key patterns.
 
-    says: keys to publish. hears: keys to subscribe to. asks: keys to send queries (commands) to. answers: keys on which
-    to answer queries.
+    says: keys to publish. hears: keys to subscribe to. asks: keys to send queries to. answers: keys on which to answer
+    queries.
     """
 
     says: tuple[str, ...] = ()
@@ -38,9 +40,10 @@ class Rights:
 
 
 def rights(ward: str, member: Member) -> Rights:
-    """Return the bus keys that a member of a ward may use, by the member's role.
+    """Return the bus keys that a member of a ward may use, according to the member's role.
 
-    Each member may also declare its own probe token, for the self-test, and answer queries about the settings in force.
+    In addition, each member may publish and see its own liveliness token for the self-test of access rules. Each member
+    may also send and answer queries on its own key for the ward-file settings in force.
     """
     given = _rights(ward, member)
     probe, file = (
@@ -99,7 +102,10 @@ def _rights(ward: str, member: Member) -> Rights:
 
 
 def access_control(places: Sequence[tuple[str, Member]]) -> dict[str, Any]:
-    """Build the `access_control` section of a zenoh router file from pairs of (ward, member); all else is denied."""
+    """Build the `access_control` section of a zenoh router file. Everything that no rule allows is denied.
+
+    places: pairs (ward, member); one member may appear in several wards.
+    """
     rules: dict[str, list[dict[str, Any]]] = {}
     for ward, member in places:
         rules.setdefault(member.common_name, []).extend(_rules(ward, member))

@@ -1,4 +1,7 @@
-"""Self-test of a router's access rules: zenoh denies silently, so try one allowed and one forbidden token."""
+"""Self-test of a router's access rules: one allowed and one forbidden liveliness token show if the rules are in force.
+
+The test is needed because zenoh denies silently.
+"""
 
 import threading
 from collections.abc import Callable, Sequence
@@ -16,12 +19,13 @@ _NOBODY = "nobody"
 def self_test(
     bus: Bus, routers: Routers, ward: str, open_bus: Callable[[Sequence[str]], Bus] = ZenohBus, wait_s: float = WAIT_S
 ) -> list[str]:
-    """Test on a running router whether its access rules are in force; return the faults as sentences, [] if none.
+    """Test if a running router enforces its access rules. Return the faults as sentences, [] if there are none.
 
-    Without certificates there are no rules, and nothing is tested. Otherwise a second session, opened with open_bus,
-    declares two liveliness tokens: first a forbidden one, then the token of this member. `bus` must see only the
-    second.
+    Without certificates there are no rules and the result is []. Otherwise open_bus opens a second session, which
+    declares two liveliness tokens: first a forbidden one, then this member's own token. `bus` must see only the second
+    token.
     wait_s: seconds to wait for the allowed token.
+    Raises ValueError if the certificate is unreadable or names no role.
     """
     if routers.identity is None:
         return []

@@ -1,4 +1,4 @@
-"""Prometheus metric: expiry time of this program's certificate."""
+"""Prometheus metric with the expiry time of this program's certificate."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -14,9 +14,9 @@ ENDS = MetricFamily(
 
 
 def certificate(routers: Routers) -> Iterator[MetricFamily]:
-    """Yield the metric of the certificate's expiry time (s since the Unix epoch); nothing without a certificate.
+    """Yield one Prometheus metric with the certificate's expiry time, s since the Unix epoch; nothing without certificate.
 
-    Rereads the file at each call, because a renewal may replace it.
+    Reads the certificate file at each call, because a renewal may replace the file.
     """
     lasts = routers.lasts()
     if lasts is not None:

@@ -1,10 +1,9 @@
-"""The bus contract: publish, subscribe, query and liveliness, independent of zenoh.
+"""Bus interface: publish, subscribe, query and liveliness, independent of zenoh.
 
-`zenoh_bus` implements the contract, and so does the in-memory bus of the tests. One test suite checks both.
+`zenoh_bus` implements this interface, and so does the in-memory bus of the tests. One test suite checks both.
 
-Threads: every method may be called from any thread. A handler given to `answer` or `watch_alive` runs on a thread of
-the bus. The handler must be quick and must not raise; an exception is logged. No method blocks longer than
-its timeout.
+Every method may be called from any thread. A handler given to `answer` or `watch_alive` runs on a thread of the bus.
+The handler must return quickly and must not raise; an exception is logged. No method blocks longer than its timeout.
 """
 
 from collections.abc import Callable, Sequence
@@ -22,43 +21,47 @@ Reply = Callable[[bytes], None]
 
 
 class BusError(Exception):
-    """A bus operation failed. The message says what was tried, where, and what to do."""
+    """Error of a bus operation. The message states the operation, the endpoint or key, and the remedy."""
 
 
 class Publisher(Protocol):
-    """Sends messages on one key of the bus; the key has no wildcards."""
+    """Publisher of messages on one bus key; the key has no wildcards."""
 
     def put(self, payload: bytes) -> None:
-        """Send a payload; a slow reader never blocks the call. Raises BusError after close."""
+        """Send one message. A slow subscriber delays the call briefly at most.
+
+        Raises BusError after close.
+        """
 
     @property
     def wanted(self) -> bool:
-        """True if a subscriber exists now, so that sending is worth the work.
+        """True if a subscriber exists now, or if the publisher has a cache.
 
-        Always true with a cache, because late subscribers read the cache.
+        False means that a message sent now reaches no reader. Late subscribers read the cache, so a cache always wants
+        messages.
         """
 
     def close(self) -> None:
-        """End the publisher: it sends no more and its cache is no longer answered for; a second close does nothing."""
+        """End the publisher and its cache: nothing more is sent, and queries to the cache get no answer. May be repeated."""
 
 
 class Declared(Protocol):
-    """Handle of a declaration on the bus: query handler, liveliness token or watcher; closing it undeclares it."""
+    """Handle of a query handler, a liveliness token or a liveliness watcher; `close` removes it from the bus."""
 
     def close(self) -> None:
-        """End the declaration on the bus; a second close does nothing."""
+        """Remove the query handler, token or watcher from the bus; a second close does nothing."""
 
 
 class Bus(Protocol):
-    """Session on the bus: publishes, subscribes, asks and answers queries, and declares liveliness tokens.
+    """Session on the message bus: publishes, subscribes, sends and answers queries, and declares liveliness tokens.
 
-    A context manager, which closes the session at the end of the `with` block.
+    A context manager: leaving the `with` block closes the session.
     """
 
     def publisher(self, key: str, *, cache: int = 0) -> Publisher:
-        """Declare a publisher on a key without wildcards.
+        """Create a publisher on a key without wildcards.
 
-        cache: number of the last messages to keep for late and returning subscribers; 0 for none.
+        cache: number of latest messages to keep for late or reconnected subscribers; 0 for no cache.
         """
 
     def subscribe(
@@ -70,43 +73,48 @@ class Bus(Protocol):
         most_past: int | None = None,
         prompt: bool = True,
     ) -> Subscription:
-        """Subscribe to one pattern, or to several that do not overlap, with one queue for all.
+        """Subscribe to one key pattern, or to several that do not overlap; all messages go into one queue.
 
-        history: cached messages come first, and messages lost in an outage are fetched from publishers' caches.
-        capacity: messages the queue holds. A full queue drops its oldest messages and counts them in `missed`; messages
-        from caches are never dropped.
-        most_past: the number of cached messages to fetch from each publisher, the newest ones; None for all.
-        prompt: a dedicated thread delivers each message at once. Otherwise the session's thread delivers within about 25 ms.
+        history: first deliver the messages in publishers' caches. Messages lost later in an outage are fetched from the
+        caches too.
+        capacity: number of messages the queue holds. A full queue drops its oldest messages and counts them in
+        `missed`.
+        Messages fetched from caches are never dropped.
+        most_past: number of newest cached messages to fetch from each publisher; None for all.
+        prompt: True uses a thread for this subscription and delivers at once. False shares the session's thread and
+        delivers within about 25 ms.
         """
 
     def answer(self, pattern: str, handler: Callable[[str, bytes, Reply], None]) -> Declared:
-        """Answer queries on matching keys by handler(key, payload, reply), which calls reply(bytes) at once or later.
+        """Answer queries on keys that match a pattern, by calling handler(key, payload, reply) for each query.
 
-        An exception of the handler is sent to the asker as an error. Closing the returned handle ends the answering.
+        The handler calls reply(bytes), at once or later. An exception in the handler is sent to the querying program as
+        an error.
+        Closing the returned handle removes the handler.
         """
 
     def ask(self, key: str, payload: bytes, timeout_s: float = 2.0) -> bytes:
-        """Send a query (key and payload) and return the payload of the first answer that is not empty.
+        """Send a query to a key and return the payload of the first answer that is not empty.
 
-        Several programs may answer. An empty answer means that the query is for another program.
-        Raises BusError when no such answer comes within timeout_s seconds.
+        Several programs may answer; an empty answer means that the query is meant for another program.
+        Raises BusError if no such answer arrives within timeout_s seconds.
         """
 
     def declare_alive(self, key: str) -> Declared:
-        """Declare a liveliness token: other sessions see the key as alive until the handle or the session closes."""
+        """Declare a liveliness token: other sessions see the key as alive until the handle or this session closes."""
 
     def watch_alive(self, pattern: str, on_change: Callable[[str, bool], None]) -> Declared:
-        """Watch liveliness tokens: call on_change(key, alive) for every present token and for every later change.
+        """Watch liveliness tokens: call on_change(key, alive) for every token that exists now and for every later change.
 
-        alive is true when a token appears, false when it goes. Closing the returned handle ends the watch.
+        alive: True when a token appears, False when it disappears. Closing the returned handle ends the watch.
         """
 
     @property
     def connected(self) -> bool:
-        """True if a router (or the in-memory broker) is connected now."""
+        """True if the session is connected to a router (or to the in-memory broker) now."""
 
     def close(self) -> None:
-        """Close the session on the bus and all its declarations; a second close does nothing."""
+        """Close the session with all its publishers, subscriptions, handlers and tokens; a second close does nothing."""
 
     def __enter__(self) -> Self: ...
 

@@ -1,4 +1,4 @@
-"""zenoh router inside this process, for a ward on one machine and for tests."""
+"""Embedded zenoh router: runs inside this process, for a ward on one machine and for tests."""
 
 import atexit
 import errno
@@ -20,12 +20,14 @@ _RUNTIME = "ZENOH_RUNTIME"
 
 
 class Router:
-    """Embedded zenoh router, which routes from construction to close().
+    """Embedded zenoh router. It routes messages from construction until `close`.
 
-    listen: endpoints, for example `tcp/127.0.0.1:7447`.
-    shed: patterns on which a slow reader loses messages instead of slowing all others; for keys that viewers read.
-    A subscription with history fetches lost messages from the publisher's cache.
-    settings: complete zenoh settings, used instead of `shed`. Raises BusError when the router cannot listen.
+    listen: endpoints to listen on, for example `tcp/127.0.0.1:7447`.
+    shed: key patterns on which a slow reader loses messages instead of delaying all other readers; meant for display
+    data.
+    A subscription with history fetches the lost messages from the publisher's cache.
+    settings: complete zenoh settings, used instead of `shed`.
+    Raises BusError if `listen` is empty or the router cannot listen on an endpoint.
     """
 
     def __init__(
@@ -48,7 +50,7 @@ class Router:
     def of_file(cls, path: Path) -> Self:
         """Start a router from a zenohd configuration file (JSON5).
 
-        Raises BusError for an invalid file or an unusable endpoint.
+        Raises BusError if the file is invalid or an endpoint cannot be used.
         """
         settings = read_settings(str(path))
         return cls(endpoints_of(settings["listen"]["endpoints"]), settings=settings)
@@ -84,7 +86,10 @@ def _threads() -> Iterator[None]:
 
 
 def endpoints_of(said: Sequence[str] | dict[str, Sequence[str]]) -> tuple[str, ...]:
-    """Return a router's endpoints from zenoh's `endpoints` setting, which is one list, or one list for each mode."""
+    """Return a router's endpoints from zenoh's setting `endpoints`: a list, or a dict with one list per zenoh mode.
+
+    Of a dict, the list of the mode `router` is returned.
+    """
     return tuple(said.get("router", ())) if isinstance(said, dict) else tuple(said)
 
 

@@ -1,6 +1,6 @@
-"""Gap detection by message numbers: delivers each publisher's messages in order, exactly once. Pure.
+"""Gap detection by message numbers: delivers the messages of each publisher in order and exactly once. No I/O.
 
-Reports the gaps to fetch from publishers' caches. Times are seconds of a monotonic clock.
+Reports which missing messages to fetch from publishers' caches. All times are seconds of a monotonic clock.
 """
 
 from collections import Counter
@@ -23,7 +23,7 @@ MOST_SOURCES = 1 << 16
 
 
 class Gap(NamedTuple):
-    """A gap in a publisher's numbers: its messages from number `start` on are missing."""
+    """Gap in a publisher's message numbers: the messages from number `start` on are missing."""
 
     source: Source
     start: int
@@ -45,10 +45,10 @@ class _State(Generic[_T]):
 
 
 class GapDetector(Generic[_T]):
-    """Orders numbered messages of many publishers, and keeps track of the numbers missing from each.
+    """Puts numbered messages of many publishers in order and tracks the missing numbers of each publisher.
 
-    A publisher numbers its messages from 0. `now_s` is the time of the call, in seconds of a monotonic clock.
-    Methods that return a sequence return the messages that may be delivered now, in the order of their numbers.
+    Each publisher numbers its messages from 0. `now_s`: time of the call, seconds of a monotonic clock.
+    Methods that return messages return those that can be delivered now, in the order of their numbers.
     """
 
     def __init__(self) -> None:
@@ -59,9 +59,10 @@ class GapDetector(Generic[_T]):
         self.missed: Counter[str] = Counter()
 
     def take(self, source: Source, number: int, message: _T, now_s: float) -> Sequence[_T]:
-        """Take one live message with its number; return the messages to deliver now.
+        """Add one live message with its number; return the messages to deliver now.
 
-        The message is dropped if it repeats, and waits while earlier numbers are missing.
+        A repeated message is dropped. A message waits while earlier numbers are missing. now_s: seconds, monotonic
+        clock.
         """
         state = self._state(source)
         if number < state.next:
@@ -77,15 +78,18 @@ class GapDetector(Generic[_T]):
         return ready
 
     def heard(self, source: Source, number: int, now_s: float) -> None:
-        """Take the number of a publisher's newest message, as its cache reports it, to notice a lost last message."""
+        """Add the number of a publisher's newest message, as its cache reports it, to detect that the last message was lost.
+
+        now_s: seconds of a monotonic clock.
+        """
         state = self._state(source)
         state.newest = max(state.newest, number)
         self._review(source, state, now_s)
 
     def history(self, source: Source, found: Mapping[int, _T], now_s: float) -> Sequence[_T]:
-        """Take a publisher's cached messages, by number, from before the subscription; return those to deliver now.
+        """Add a publisher's cached messages (number to message) from before the subscription; return the messages to deliver now.
 
-        `now_s`: seconds of a monotonic clock.
+        now_s: seconds of a monotonic clock.
         """
         state = self._state(source)
         ready = self._fill(source, state, found)
@@ -93,7 +97,10 @@ class GapDetector(Generic[_T]):
         return ready
 
     def due(self, now_s: float, most: int = 64) -> list[Gap]:
-        """Return up to `most` gaps to query publishers' caches for now; each needs a call of `answered`."""
+        """Return up to `most` gaps for which publishers' caches should be queried now.
+
+        The caller must report the answer to each gap by `answered`. now_s: seconds of a monotonic clock.
+        """
         gaps = list[Gap]()
         for source, state in self._lacking.items():
             if not state.asked and state.due_s <= now_s and len(gaps) < most:
@@ -102,10 +109,10 @@ class GapDetector(Generic[_T]):
         return gaps
 
     def answered(self, source: Source, found: Mapping[int, _T], now_s: float) -> Sequence[_T]:
-        """Take the answer of a publisher's cache about a gap (number to message); return the messages to deliver now.
+        """Add the answer of a publisher's cache about a gap (number to message); return the messages to deliver now.
 
-        An empty answer means that the publisher was unreachable: the gap is queried again later, and given up after
-        PATIENCE_S.
+        An empty answer means that the publisher was unreachable. The gap is then queried again after a pause, and
+        counted as missed after PATIENCE_S seconds without progress. now_s: seconds of a monotonic clock.
         """
         state, before = self._state(source), self._state(source).next
         ready = self._fill(source, state, found)

@@ -1,6 +1,6 @@
-"""Gap repair: the worker thread of a session, which also serves liveliness watchers and queries.
+"""Gap repair: a session's worker thread that fetches missed messages from the caches of other publishers.
 
-The thread answers queries to the session's own caches, and fetches missed messages from other publishers' caches.
+The same thread answers queries to the session's own caches, and calls the handlers of liveliness watchers and queries.
 """
 
 import logging
@@ -56,9 +56,10 @@ class _Question:
 
 
 class GapRepair:
-    """Repairs gaps of one session, in one worker thread that also answers queries and calls handlers.
+    """Worker that fetches the messages missed by one session's subscriptions, and answers queries to the session's caches.
 
-    subscriptions: returns the session's open subscriptions. Any thread may call every method but `run`.
+    subscriptions: returns the session's open subscriptions. `run` is the body of the worker thread. All other methods
+    may be called from any thread.
     """
 
     def __init__(self, session: zenoh.Session, subscriptions: Callable[[], Iterator[Subscription]]) -> None:
@@ -74,7 +75,7 @@ class GapRepair:
         self._there_s = self._changed_s = time.monotonic()
 
     def keep(self, key: str, size: int) -> Cache:
-        """Create a cache of `size` messages for the publisher of a key, and answer queries to the cache from now on."""
+        """Create a cache of the last `size` messages for the publisher of a key, and start to answer queries to the cache."""
         cache = Cache(key, size, self._name, next(self._numbers))
         with self._lock:
             self._cached += size
@@ -87,22 +88,22 @@ class GapRepair:
         return cache
 
     def forget(self, cache: Cache) -> None:
-        """Stop answering queries to the cache of a closed publisher, and drop the cache."""
+        """Drop the cache of a closed publisher and stop answering queries to this cache."""
         with self._lock:
             self._cached -= cache.size
             self._caches.discard(cache)
 
     def watch(self, channel: handlers.Handler[_T], handle: Callable[[_T], None]) -> None:
-        """Call handle(item) for each token or query in the channel, on the worker thread, until the channel closes.
+        """Call handle(item) for each item (token change or query) in a zenoh channel, on the worker thread.
 
-        handle must not raise.
+        Ends when the channel closes. handle must not raise.
         """
         self._watched = [*self._watched, (channel, handle)]
 
     def begin(self, subscription: Subscription, most: int | None) -> None:
-        """Fetch the history of a new subscription and deliver it there.
+        """Fetch cached messages from before a new subscription and deliver them to the subscription.
 
-        most: number of the newest messages to fetch from each publisher; None for all.
+        most: number of newest messages to fetch from each publisher; None for all.
         """
         what = "" if most is None else f"most={most}"
         left, past = [len(subscription.patterns)], Found()
@@ -117,10 +118,10 @@ class GapRepair:
             self._ask(f"{pattern}/{HISTORY}/*", what, came)
 
     def past(self, place: str, what: str = "") -> handlers.Handler[zenoh.Reply]:
-        """Query publishers' caches; return the channel that receives the replies.
+        """Query publishers' caches; return the zenoh channel that receives the replies, for at most PAST_S seconds.
 
-        place: key or pattern with `/@adv/SESSION`. what: query parameters, as in `publisher_cache`; empty for all
-        messages.
+        place: key or pattern of the publishers, followed by `/@adv/SESSION`. what: query parameters, as listed in
+        `publisher_cache`; "" for all messages.
         """
         return self._session.get(
             f"{place}?{what}",
@@ -132,7 +133,7 @@ class GapRepair:
         )
 
     def run(self, over: Callable[[], bool]) -> None:
-        """Run the worker loop in this thread until over() is true: answer queries, deliver messages, repair gaps."""
+        """Run the worker loop in the calling thread until over() is True: answer queries, deliver messages, repair gaps."""
         while not over():
             time.sleep(_TURN_S if self._questions else _TICK_S)
             try:

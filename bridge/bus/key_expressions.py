@@ -1,7 +1,7 @@
-"""Key expressions: validation of keys and patterns, and whether a pattern matches a key.
+"""Key expressions: validation of bus keys and key patterns, and matching of a pattern against a key.
 
-Narrower than zenoh's key expressions on purpose. zenoh accepts newlines, quotes and 65,000 characters; a still longer key
-breaks its session for good.
+The accepted keys are a subset of zenoh's. zenoh also accepts newlines, quotes and 65,000 characters, and a longer key
+makes a zenoh session unusable.
 """
 
 import functools
@@ -20,14 +20,17 @@ _NOT_CANONICAL = re.compile(r"(?:^|/)\*\*/\*")
 
 
 def check_key(key: str) -> str:
-    """Return the bus key if it is valid and without wildcards, else raise BusError."""
+    """Validate a bus key and return it.
+
+    Raises BusError for a key that is empty, has more than MAX_KEY characters, a wildcard or another invalid character.
+    """
     return _check(key, _KEY, "a key has 1 to 400 printable ASCII characters in chunks joined by '/', without * $ ? #")
 
 
 def check_pattern(pattern: str) -> str:
-    """Return the key pattern if it is valid, else raise BusError.
+    """Validate a key pattern and return it. A whole chunk may be `*` (one chunk) or `**` (any number of chunks).
 
-    A whole chunk may be `*` (one chunk) or `**` (any number).
+    Raises BusError for an invalid pattern, and for one that is not in its shortest form.
     """
     _check(pattern, _PATTERN, "a pattern is a key in which a whole chunk may be * or **, without $ ? #")
     if _NOT_CANONICAL.search(pattern):
@@ -36,9 +39,9 @@ def check_pattern(pattern: str) -> str:
 
 
 def check_patterns(patterns: str | Sequence[str]) -> tuple[str, ...]:
-    """Return one or several key patterns as a tuple without duplicates.
+    """Validate one or several key patterns; return them as a tuple without duplicates.
 
-    Raises BusError for an invalid one, or for none.
+    Raises BusError for an invalid pattern, or if no pattern is given.
     """
     if not patterns:
         raise BusError("no pattern to subscribe to: give at least one")
@@ -52,7 +55,7 @@ def _check(text: str, shape: re.Pattern[str], rule: str) -> str:
 
 
 def matches(pattern: str, key: str) -> bool:
-    """Return whether the key pattern matches the key. No wildcard matches a chunk that begins with `@`."""
+    """Return True if a key pattern matches a key. A wildcard never matches a chunk that begins with `@`."""
     return _shape(pattern).fullmatch(f"/{key}") is not None
 
 

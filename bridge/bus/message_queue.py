@@ -9,17 +9,17 @@ MOST_KEYS = 1024
 
 
 class Message(NamedTuple):
-    """One message received from the bus: key and payload bytes, neither parsed nor validated."""
+    """Message received from the bus: its key and its payload bytes, neither parsed nor validated."""
 
     key: str
     payload: bytes
 
 
 class MessageQueue:
-    """First-in-first-out queue of bus messages; a full queue drops its oldest messages and counts them as missed.
+    """First-in-first-out queue of bus messages. A full queue drops its oldest messages and counts them as missed.
 
-    capacity: number of messages. History from publishers' caches does not count towards `capacity` until it is read:
-    the history of a large ward can exceed a short queue. Raises ValueError for a capacity below 1.
+    capacity: largest number of live messages. History from publishers' caches does not count towards `capacity` until
+    read, because the history of a large ward can exceed a short queue. Raises ValueError for a capacity below 1.
     """
 
     def __init__(self, capacity: int) -> None:
@@ -34,7 +34,10 @@ class MessageQueue:
         self._over = False
 
     def put(self, messages: Iterable[Message], *, past: bool = False) -> None:
-        """Append messages, live ones or (past=True) history from caches; never waits. A closed queue discards them."""
+        """Append messages without waiting: live messages, or history from caches (past=True).
+
+        A closed queue discards the messages.
+        """
         with self._ready:
             if self._over:
                 return
@@ -48,43 +51,46 @@ class MessageQueue:
             self._ready.notify_all()
 
     def add_missed(self, count: int, key: str = "") -> None:
-        """Count `count` messages lost before they reached this queue. key: their bus key; "" if unknown."""
+        """Add `count` to the number of messages that were lost before they reached this queue.
+
+        key: bus key of the lost messages; "" if unknown.
+        """
         with self._ready:
             self._count(key, count)
 
     @property
     def missed(self) -> int:
-        """Number of messages known to be lost, over all keys: as the bus reports, or because this queue was full."""
+        """Number of messages known to be lost, over all keys: lost in transit, or dropped because this queue was full."""
         return self._missed.total()
 
     @property
     def missed_by_key(self) -> dict[str, int]:
-        """Number of lost messages by key, for up to MOST_KEYS keys; all other keys count under ""."""
+        """Number of lost messages by key, for up to MOST_KEYS keys; the messages of all other keys count under ""."""
         with self._ready:
             return {key: n for key, n in self._missed.items() if n}
 
     @property
     def overflowed(self) -> int:
-        """Number of messages dropped because this queue was full, that is, because its reader is too slow."""
+        """Number of messages dropped because this queue was full, which happens when the reader is too slow."""
         return self._overflowed
 
     @property
     def closed(self) -> bool:
-        """True if the queue is closed: it discards new messages, and readers get none, so a reading loop must end."""
+        """True if the queue is closed: it discards new messages and returns none, so a reading loop must end."""
         return self._over
 
     @property
     def caught_up(self) -> bool:
-        """True if the history from publishers' caches has arrived, or its query has timed out; live messages follow."""
+        """True if the history from publishers' caches has arrived or its query has timed out. Live messages follow."""
         return True
 
     def receive(self, timeout_s: float) -> Message | None:
-        """Return the next message, or None if none comes within timeout_s seconds or once the queue is closed."""
+        """Wait for the next message and return it; None after timeout_s seconds without one, or if the queue is closed."""
         taken = self.drain(1, timeout_s)
         return taken[0] if taken else None
 
     def drain(self, limit: int, timeout_s: float) -> list[Message]:
-        """Wait up to timeout_s for a first message, then return up to `limit` messages at once; [] if none came."""
+        """Wait up to timeout_s seconds for a first message, then return up to `limit` waiting messages; [] if none came."""
         with self._ready:
             if timeout_s > 0.0:
                 self._ready.wait_for(lambda: self._messages or self._over, timeout_s)
@@ -96,7 +102,7 @@ class MessageQueue:
         self._missed[key if key in self._missed or len(self._missed) < MOST_KEYS else ""] += n
 
     def close(self) -> None:
-        """Close the queue: discard all messages and wake every reader; a second close does nothing."""
+        """Close the queue: discard all messages and wake every waiting reader; a second close does nothing."""
         with self._ready:
             self._over = True
             self._messages.clear()
@@ -104,7 +110,10 @@ class MessageQueue:
 
 
 def newest_last(pasts: Iterable[Sequence[Message]]) -> list[Message]:
-    """Merge lists of messages, each list of one key: each key keeps its order, and the newest of all keys come last."""
+    """Merge lists of messages into one list. Each key keeps its order, and the newest messages of all keys come last.
+
+    pasts: lists that are not empty, each with messages of one key.
+    """
     by_key: dict[str, list[Message]] = {}
     for past in pasts:
         by_key.setdefault(past[0].key, []).extend(past)

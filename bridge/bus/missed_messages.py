@@ -1,4 +1,4 @@
-"""Missed messages in words, the stream with most losses first. Pure."""
+"""English description of missed bus messages by stream, with the stream of most losses first. No I/O."""
 
 from collections import Counter
 from collections.abc import Mapping
@@ -10,8 +10,9 @@ _NAMED = 3
 
 
 def describe_missed(by_key: Mapping[str, int]) -> str:
-    """Describe missed messages (number by key) in one English text, by stream; empty if there are none.
+    """Describe missed messages as one English text, by stream; "" if none are missed.
 
+    by_key: number of missed messages by bus key.
     Example: '17 messages missed on the bus: 9 status of chest, 5 raw of wrist, 3 of 2 other streams'.
     """
     streams: Counter[str] = Counter()

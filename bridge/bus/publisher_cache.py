@@ -1,17 +1,18 @@
 """Publisher cache: numbers messages and keeps the last ones, for late subscribers and for gap repair.
 
-The attachment of a message has 20 bytes: session (8, random), publisher number in the session (4), and message number (8).
-Both numbers count from 0 and are big-endian. A cache answers queries on
-`KEY/@adv/SESSION`, with one reply per message. KEY is a key or pattern; SESSION is the session's bytes in hex, or `*`.
-Router rules let a member with the right to publish KEY answer below `@adv`, and a member with the right to subscribe to KEY
-query there. A query has one of these parameters, or none for all messages:
+Each message carries an attachment of 20 bytes: session (8, random), publisher number in the session (4), and message
+number (8). Both numbers count from 0 and are big-endian.
+
+A cache answers queries on `KEY/@adv/SESSION` with one reply per message. KEY is a key or pattern; SESSION is the
+session's bytes in hexadecimal, or `*`. A member with the right to publish KEY may answer below `@adv`, and a member
+with the right to subscribe to KEY may query there. A query without parameters returns all messages. The parameters are:
 
 - `most=N`: the last N messages of each publisher
 - `publisher=P;from=N`: the messages of publisher P from number N on
 - `last=S`: the newest message without its payload, of publishers that sent it within S seconds and have paused since
 
-A session declares one queryable for all keys that differ only in the last chunk, `PLACE/*/@adv/SESSION`. The router rules
-allow such a queryable for every kind of message but `owned`.
+A session declares one zenoh queryable for all keys that differ only in the last chunk, `PLACE/*/@adv/SESSION`. The
+router's access rules allow this queryable for every kind of message except `owned`.
 """
 
 import time
@@ -33,9 +34,9 @@ Kept = tuple[int, bytes]
 
 
 class Source(NamedTuple):
-    """A publisher: its key and 12-byte identity (8 bytes session, 4 bytes publisher number).
+    """Identity of a publisher: its key, and 12 bytes (8 of the session, 4 of the publisher number).
 
-    The key guards against a publisher that claims the identity of another key's.
+    The key is part of the identity, so that a publisher cannot claim the number sequence of another key.
     """
 
     key: str
@@ -48,15 +49,15 @@ class Source(NamedTuple):
 
     @property
     def publisher(self) -> int:
-        """Number of the publisher within its session, from 0."""
+        """Number of the publisher within its session, counted from 0."""
         return int.from_bytes(self.identity[SESSION_BYTES:], "big")
 
 
 class Cache:
     """Cache of the last `size` messages of one publisher, and the counter of its message numbers.
 
-    session: 8 random bytes of the session. publisher: number of the publisher in the session. next: number of the next
-    message.
+    session: 8 random bytes of the session. publisher: number of the publisher in the session.
+    next: number of the next message, from 0.
     """
 
     def __init__(self, key: str, size: int, session: bytes, publisher: int) -> None:
@@ -67,19 +68,19 @@ class Cache:
         self._put_s = 0.0
 
     def stamp(self, number: int) -> bytes:
-        """Return the 20-byte attachment (publisher identity and message number) of the message with this number."""
+        """Return the 20-byte attachment (publisher identity and message number) for the message with this number."""
         return self._identity + number.to_bytes(STAMP_BYTES - IDENTITY_BYTES, "big")
 
     def keep(self, payload: bytes) -> None:
-        """Store the payload of the message just sent, under the number `next`, and advance `next`."""
+        """Store the payload of the message just sent under the number `next`, and add 1 to `next`."""
         self._kept.append((self.next, payload))
         self.next += 1
         self._put_s = time.monotonic()
 
     def found(self, asked: Mapping[str, str]) -> Iterable[Kept]:
-        """Return the cached messages (number, payload) that the query parameters select (see the top of this file).
+        """Return the cached messages (number, payload) that the query parameters select.
 
-        Raises ValueError for a parameter that is not a number.
+        The text at the top of this file lists the parameters. Raises ValueError for a parameter that is not a number.
         """
         kept = list(self._kept)
         if "last" in asked:
@@ -92,13 +93,13 @@ class Cache:
 
 
 class Caches:
-    """All caches of one session, grouped by place: the key without its last chunk."""
+    """Caches of one session, grouped by place: the key without its last chunk."""
 
     def __init__(self) -> None:
         self._by_key: dict[str, dict[str, list[Cache]]] = defaultdict(lambda: defaultdict(list))
 
     def add(self, cache: Cache) -> str | None:
-        """Add a cache. Return its place (key without the last chunk) if this is the first cache there, else None."""
+        """Add a cache. Return its place (key without the last chunk) if it is the first cache there, else None."""
         place = place_of(cache.key)
         new = place not in self._by_key
         self._by_key[place][cache.key].append(cache)
@@ -112,9 +113,9 @@ class Caches:
             del keys[cache.key]
 
     def found(self, place: str, pattern: str, asked: Mapping[str, str]) -> Iterator[tuple[Cache, Kept]]:
-        """Yield (cache, message) for each cached message that a query selects; a message is (number, payload).
+        """Yield (cache, (number, payload)) for each cached message that a query selects.
 
-        place: key without its last chunk. pattern: key or pattern of the query. asked: query parameters, by name.
+        place: key without its last chunk. pattern: key or key pattern of the query. asked: query parameters, by name.
         Raises ValueError for a parameter that is not a number.
         """
         keys = self._by_key[place]
@@ -126,5 +127,5 @@ class Caches:
 
 
 def place_of(key: str) -> str:
-    """Return the place of a cache: its key without the last chunk; empty for a key of one chunk."""
+    """Return the place of a cache: its key without the last chunk; "" for a key of one chunk."""
     return key.rpartition("/")[0]

@@ -1,4 +1,7 @@
-"""Check of a router's zenoh file (JSON5) against the file truerate would write for the same endpoints and members."""
+"""Check of a router's zenoh file (JSON5): every difference from the file that truerate would write is a fault.
+
+The comparison uses the endpoints and members in the checked file.
+"""
 
 import ipaddress
 import json
@@ -25,12 +28,12 @@ _SHORT = 80  # characters; longer values are not shown
 
 @dataclass(frozen=True, slots=True)
 class RouterFile:
-    """A router's zenoh file as read and checked.
+    """Content of a router's zenoh file, and the faults found in it.
 
-    listen, join: endpoints it listens on, and those of other routers it connects to. identity: certificate, None
-    without TLS.
-    places: (ward, common name) of each member in its access rules. faults: sentences, empty if the file is as it should
-    be.
+    listen: endpoints to listen on. join: endpoints of other routers to connect to. identity: paths of the certificate
+    files; None without TLS.
+    places: pairs (ward, common name), one for each member in the access rules. faults: sentences; empty if there are
+    none.
     """
 
     path: Path
@@ -42,14 +45,14 @@ class RouterFile:
 
     @property
     def members(self) -> frozenset[str]:
-        """Common names (of certificates) of all members in the access rules."""
+        """Common names (in certificates) of all members in the access rules."""
         return frozenset(name for _, name in self.places)
 
 
 def read(path: Path) -> RouterFile:
-    """Read a router's zenoh file and check it against the file truerate would write.
+    """Read a router's zenoh file and check it against the file that truerate would write.
 
-    Raises BusError if zenoh cannot read it; all other faults are in the result.
+    Raises BusError if zenoh cannot read the file. All other faults are listed in the result.
     """
     said = read_settings(str(path))
     listen, join = (endpoints_of(said[way]["endpoints"]) for way in ("listen", "connect"))
@@ -76,13 +79,13 @@ def read(path: Path) -> RouterFile:
 
 
 def open_to_others(listen: Sequence[str]) -> Iterator[str]:
-    """Yield one fault, in words, if other machines can reach an endpoint without a certificate; else nothing."""
+    """Yield one sentence if other machines can reach an endpoint without a certificate, else nothing."""
     if reached := [endpoint for endpoint in listen if not secured(endpoint) and not loopback(endpoint)]:
         yield f"{', '.join(reached)}: every machine in reach can read and command the ward; use tls/..., or 127.0.0.1"
 
 
 def loopback(endpoint: str) -> bool:
-    """Return whether a zenoh endpoint is reachable from the same machine only."""
+    """Return True if a zenoh endpoint can be reached only from the same machine."""
     protocol, _, address = endpoint.partition("/")
     host = address.partition("#")[0].partition("?")[0].rpartition(":")[0].strip("[]")
     try:

@@ -1,4 +1,4 @@
-"""Builds a router's zenoh file (JSON5), for zenohd and for `truerate router`. Pure."""
+"""Content of a router's zenoh file (JSON5), for zenohd and for `truerate router`. No I/O."""
 
 import json
 import re
@@ -25,9 +25,9 @@ _WHY = {
 
 
 def rendered(settings: zenoh_settings.Settings, title: str) -> str:
-    """Render zenoh settings as the JSON5 text of a router file, with a comment above each part.
+    """Format zenoh settings as the JSON5 text of a router file, with a comment above each part.
 
-    title: lines of the comment at the top of the file.
+    title: text of the comment at the top of the file, one or more lines.
     """
     parts = []
     for part, value in settings.items():
@@ -39,7 +39,7 @@ def rendered(settings: zenoh_settings.Settings, title: str) -> str:
 
 
 def plain(listen: Sequence[str], join: Sequence[str] = ()) -> zenoh_settings.Settings:
-    """Return zenoh settings of a router without certificates, for one machine.
+    """Return zenoh settings for a router without certificates, for use on one machine.
 
     listen: endpoints to listen on. join: endpoints of other routers to connect to.
     """
@@ -50,9 +50,10 @@ def plain(listen: Sequence[str], join: Sequence[str] = ()) -> zenoh_settings.Set
 def guarded(
     listen: Sequence[str], identity: Identity, places: Sequence[tuple[str, Member]], join: Sequence[str] = ()
 ) -> zenoh_settings.Settings:
-    """Return zenoh settings of a router for other machines: mutual TLS, and access rules for each (ward, member).
+    """Return zenoh settings for a router that other machines use: mutual TLS, and access rules for each member.
 
-    listen: endpoints to listen on. identity: the router's certificate. join: endpoints of other routers to connect to.
+    listen: endpoints to listen on. identity: paths of the router's certificate files. places: pairs (ward, member).
+    join: endpoints of other routers to connect to.
     """
     return zenoh_settings.secured_router(listen, keys.VIEWED, identity, access_control(places), join)
 

@@ -1,4 +1,4 @@
-"""Router watch: logs the loss and the return of the router, and why the router may be away."""
+"""Router watch: logs when the router is lost and when it returns, and why it may be unreachable."""
 
 import logging
 import socket
@@ -16,9 +16,9 @@ _SELDOM_S = 12 * 3600.0
 
 
 class RouterWatch:
-    """Logs the loss and the return of the router, and a certificate that expires soon.
+    """Logs the loss and the return of the router, and warns when this program's certificate expires soon.
 
-    routers: endpoints and this program's certificate.
+    routers: router endpoints and this program's certificate.
     """
 
     def __init__(self, log: logging.Logger, routers: Routers | None = None) -> None:
@@ -28,9 +28,9 @@ class RouterWatch:
         self._ask_s, self._explain_s = float("-inf"), float("inf")
 
     def look(self, now: float, *, connected: bool) -> bool:
-        """Log a change of the connection. Return whether the router is away, or was away at the last call.
+        """Log a change of the connection. Return True if no router is connected now, or none was at the last call.
 
-        now: seconds of a monotonic clock. connected: whether a router is connected now.
+        now: seconds of a monotonic clock. connected: True if a router is connected now.
         """
         if now >= self._ask_s:
             self._ask_s = now + _SELDOM_S
@@ -56,8 +56,8 @@ class RouterWatch:
 def why_unreachable(endpoint: str) -> str:
     """Test a router endpoint (`tcp/10.0.0.1:7447`) by a TCP connection; return in words why it is unreachable.
 
-    Waits 1 s at most. Empty if a TCP connection opens (the router then refuses zenoh's), or if the protocol does not
-    run over TCP.
+    Waits at most 1 s. Returns "" if a TCP connection opens, or if the protocol of the endpoint does not use TCP.
+    If TCP works although zenoh does not, the router may refuse the zenoh session.
     """
     protocol, _, address = endpoint.partition("/")
     host, _, port = address.partition("#")[0].partition("?")[0].rpartition(":")

@@ -1,4 +1,4 @@
-"""Router endpoints, and the certificate to authenticate with."""
+"""Router endpoints, together with the certificate that this program shows to the routers."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,24 +12,27 @@ SECURED = ("tls", "quic")
 
 
 def secured(endpoint: str) -> bool:
-    """Return whether a zenoh endpoint uses TLS or QUIC and so needs certificates."""
+    """Return True if a zenoh endpoint uses TLS or QUIC and therefore needs certificates."""
     return endpoint.partition("/")[0] in SECURED
 
 
 @dataclass(frozen=True, slots=True)
 class Routers(Sequence[str]):
-    """Router endpoints in order of preference, as a sequence of str, with the certificate for `tls/...` endpoints."""
+    """Router endpoints in order of preference, as a sequence of str, with the certificate files for `tls/...` endpoints.
+
+    identity: paths of the certificate files; None without certificates.
+    """
 
     endpoints: tuple[str, ...]
     identity: Identity | None = None
 
     @classmethod
     def of(cls, endpoints: Sequence[str]) -> "Routers":
-        """Return endpoints as Routers: the same object if they are Routers already, else without a certificate."""
+        """Convert endpoints to Routers: Routers are returned unchanged; other sequences get no certificate."""
         return endpoints if isinstance(endpoints, Routers) else cls(tuple(endpoints))
 
     def faults(self) -> list[str]:
-        """Return the faults of the certificate, in words, that would make a TLS connection fail now; [] if none."""
+        """Return the faults of the certificate that would make a TLS connection fail now, as sentences; [] if none."""
         if self.identity is None:
             return []
         from bridge.pki.certificate_checks import faults  # noqa: PLC0415 - import `cryptography` only if certificates are used
@@ -37,7 +40,7 @@ class Routers(Sequence[str]):
         return faults(self.identity, datetime.now(UTC))
 
     def lasts(self) -> Validity | None:
-        """Validity of the certificate in the chain that expires first; None without a readable certificate."""
+        """Return the validity period of the first certificate in the chain to expire; None without a readable certificate."""
         if self.identity is None:
             return None
         from bridge.pki.certificate_checks import lasts  # noqa: PLC0415 - as above
@@ -48,7 +51,7 @@ class Routers(Sequence[str]):
             return None
 
     def soon(self) -> list[str]:
-        """Return a warning, in a list, if the certificate is due for renewal but has not expired yet; else []."""
+        """Return [warning] if the certificate is due for renewal but has not expired yet, else []."""
         lasts = self.lasts()
         if self.identity is None or lasts is None or not lasts.soon <= datetime.now(UTC) < lasts.ends:
             return []
@@ -56,7 +59,7 @@ class Routers(Sequence[str]):
         return [f"{self.identity.certificate}: {ending}: renew it (truerate pki renew --soon)"]
 
     def why_away(self) -> list[str]:
-        """Return possible reasons, in words, why a router that was connected stays away; [] without a certificate."""
+        """Return possible reasons, in words, why no router can be reached any longer; [] without a certificate."""
         if self.identity is None:
             return []
         return self.faults() or [

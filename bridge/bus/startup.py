@@ -1,4 +1,4 @@
-"""Start-up on the bus: wait for a router, and refuse to start while another program has the same id."""
+"""Start-up on the bus: wait for a router, and refuse to start while another program uses the same id."""
 
 import logging
 import threading
@@ -22,9 +22,9 @@ def wait_for_router(
     patient: bool,
     open_bus: Callable[[Sequence[str]], Bus] = ZenohBus,
 ) -> Bus | None:
-    """Open a bus session at the router endpoints, with open_bus; None if `stop` is set first.
+    """Open a bus session at the router endpoints by open_bus(endpoints); return None if `stop` is set first.
 
-    patient: retry until a router answers; else raise BusError if none does.
+    patient: True retries every 0.2 s until a router answers. False raises BusError if no router answers the first try.
     """
     complained = False
     while not stop.is_set():
@@ -52,11 +52,12 @@ def claim_id(
     another: Callable[[str], object] = lambda _: None,
     meanwhile: Callable[[], object] = lambda: None,
 ) -> Declared:
-    """Claim an id in a ward, unless another program of the same kind (`bridge` or `estimator`) is alive with it.
+    """Claim an id in a ward; another program of the same kind (`bridge` or `estimator`) must not use the id.
 
-    own: the id to claim. another: called with the id of each other program that comes alive. meanwhile: work to do
-    during the wait for others. Returns the watch on the others' liveliness tokens, which the caller closes.
-    Raises BusError if a program with the same id stays alive for longer than a killed one would seem alive.
+    own: the id to claim. another: called with the id of each other program that appears. meanwhile: called once, for
+    work that can be done while the call waits for others to appear.
+    Returns the watch on the liveliness tokens of the others; the caller closes it.
+    Raises BusError if a program with the same id is still alive after 3 s, longer than a killed program appears alive.
     """
     there: dict[str, bool] = {}
 

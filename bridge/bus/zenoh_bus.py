@@ -1,4 +1,4 @@
-"""ZenohBus, the session on the bus over zenoh: publish, subscribe, query and liveliness, as defined by contract.Bus."""
+"""ZenohBus: implementation of the bus interface `contract.Bus` on zenoh, with publish, subscribe, query and liveliness."""
 
 import atexit
 import contextlib
@@ -33,11 +33,12 @@ _JOIN_S = 1.0
 
 
 class ZenohBus:
-    """Session on the bus (contract.Bus) as a client of one or more zenoh routers. Reconnects by itself until closed.
+    """Session on the bus (`contract.Bus`), as a client of one or more zenoh routers. Reconnects automatically until closed.
 
-    endpoints: router endpoints, for example `tcp/127.0.0.1:7447`. The first that answers is used; the others take over
-    when it is lost. Pass `Routers` to authenticate with a certificate. Raises BusError when no router answers within
-    open_timeout_s, and at once for an unusable certificate.
+    endpoints: router endpoints, for example `tcp/127.0.0.1:7447`, in order of preference. The first that answers is
+    used; the others replace it when it is lost. Give `Routers` to authenticate with a certificate.
+    open_timeout_s: seconds to wait for a router.
+    Raises BusError if no router answers within open_timeout_s, and at once if the certificate cannot be used.
     """
 
     def __init__(self, endpoints: Sequence[str], *, open_timeout_s: float = 3.0) -> None:
@@ -61,9 +62,10 @@ class ZenohBus:
         atexit.register(self.close)
 
     def publisher(self, key: str, *, cache: int = 0) -> Publisher:
-        """Declare a publisher on a key without wildcards. cache: number of messages kept for late subscribers, or 0.
+        """Create a publisher on a key without wildcards. See contract.Bus.
 
-        Raises BusError for an invalid key. See contract.Bus.
+        cache: number of latest messages to keep for late subscribers; 0 for no cache. Raises BusError for an invalid
+        key.
         """
         with self._doing(f"publish on {check_key(key)}"):
             # BLOCK: DROP silently loses two thirds at saturation, and bursts of a few thousand. The router cuts off a
@@ -72,7 +74,7 @@ class ZenohBus:
             return Publisher(self, made, key, self._repair.keep(key, cache) if cache > 0 else None)
 
     def forget(self, declared: Declared) -> None:
-        """Drop the reference to a closed declaration and stop answering for its cache."""
+        """Release the reference to a closed handle; if the handle is a publisher with a cache, drop the cache."""
         self.declared.discard(declared)
         if isinstance(declared, Publisher) and declared.cache is not None:
             self._repair.forget(declared.cache)
@@ -86,10 +88,12 @@ class ZenohBus:
         most_past: int | None = None,
         prompt: bool = True,
     ) -> Subscription:
-        """Subscribe to one or several key patterns, with one queue; the parameters are explained in contract.Bus.
+        """Subscribe to one or several key patterns, with one queue; contract.Bus explains the parameters.
 
-        Ask for history only where publishers have a cache. Raises BusError for an invalid pattern.
-        A message sent within about 5 ms of this call by a publisher with a still empty cache may be lost.
+        history: use True only where publishers have a cache. A message may be lost if it is the first of its publisher
+        and sent within about 5 ms of this call. capacity, most_past: numbers of messages. prompt: True delivers at
+        once.
+        Raises BusError for an invalid pattern.
         """
         patterns = check_patterns(patterns)
         with self._doing(f"subscribe to {', '.join(patterns)}"):
@@ -103,7 +107,10 @@ class ZenohBus:
             return subscription
 
     def answer(self, pattern: str, handler: Callable[[str, bytes, Reply], None]) -> "Declared":
-        """Answer queries on matching keys by handler(key, payload, reply), on a thread of the bus. See contract.Bus."""
+        """Answer queries on matching keys by handler(key, payload, reply), on a thread of the bus. See contract.Bus.
+
+        Raises BusError for an invalid pattern.
+        """
         with self._doing(f"answer {check_pattern(pattern)}"):
             # Ring: with more pending queries than this, the oldest ends without an answer.
             queryable = self._session.declare_queryable(pattern, handlers.RingChannel(256), complete=True)
@@ -111,10 +118,9 @@ class ZenohBus:
         return Declared(self, queryable)
 
     def ask(self, key: str, payload: bytes, timeout_s: float = 2.0) -> bytes:
-        """Send a query and return the payload of the first answer that is not empty; timeout_s in seconds.
+        """Send a query and return the payload of the first answer that is not empty. See contract.Bus.
 
-        See contract.Bus.
-        Raises BusError if no program answers in time, or only with errors.
+        Raises BusError if no program answers within timeout_s seconds, or if all answers are empty or errors.
         """
         with self._doing(f"ask {check_key(key)}"):
             replies = self._session.get(
@@ -135,17 +141,21 @@ class ZenohBus:
         raise BusError(f"{key!r} was answered with an error: {'; '.join(errors)}")
 
     def declare_alive(self, key: str) -> "Declared":
-        """Declare a liveliness token: other sessions see the key as alive until the handle or the session is closed."""
+        """Declare a liveliness token: other sessions see the key as alive until the handle or the session is closed.
+
+        Raises BusError for an invalid key.
+        """
         with self._doing(f"declare {check_key(key)} alive"):
             return Declared(self, self._session.liveliness().declare_token(key))
 
     def watch_alive(self, pattern: str, on_change: Callable[[str, bool], None]) -> "Declared":
-        """Watch liveliness tokens: call on_change(key, alive) for every present token and for every later change.
+        """Watch liveliness tokens: call on_change(key, alive) for every token that exists now and for every later change.
 
-        A lost router takes all tokens with it: check `connected` before treating a token as dead.
-        zenoh 1.10.2 may miss the death of a token in the same millisecond in which a watcher joins (3 of 1800 under
-        load, timed to hit). The token then stays until the session reconnects. A token is a hint; arriving data is the
-        proof.
+        alive: True when a token appears, False when it disappears. Raises BusError for an invalid pattern.
+        All tokens disappear when the router is lost: check `connected` before treating a device or program as gone.
+        zenoh 1.10.2 may miss a token that disappears in the same millisecond in which the watch begins. Timed to
+        coincide, this happened in 3 of 1800 trials under load. The token then seems alive until the session reconnects.
+        Only arriving data proves that a sender is alive.
         """
         with self._doing(f"watch {check_pattern(pattern)}"):
             watcher = self._session.liveliness().declare_subscriber(
@@ -174,18 +184,21 @@ class ZenohBus:
 
     @property
     def connected(self) -> bool:
-        """True if a router is connected now."""
+        """True if the session is connected to a router now."""
         return not self._closed and bool(self._session.info.routers_zid())
 
     def past(self, pattern: str) -> handlers.Handler[zenoh.Reply]:
-        """Query the caches of publishers that match a key pattern; their messages arrive in the returned channel."""
+        """Query the caches of all publishers whose keys match a pattern; return the zenoh channel that receives the replies."""
         return self._repair.past(f"{pattern}/{HISTORY}/*")
 
     def _subscriptions(self) -> Iterator[Subscription]:
         return (one for one in list(self.declared) if isinstance(one, Subscription))
 
     def run(self, work: Callable[[], None], name: str) -> None:
-        """Run work() in a named thread that close() waits for; work must end when its channel closes."""
+        """Start a thread that runs work(); `close` waits for it. work must return when its zenoh channel closes.
+
+        name: name of the thread.
+        """
 
         def body() -> None:
             try:
@@ -200,7 +213,7 @@ class ZenohBus:
     def close(self) -> None:
         """Close the session and all its subscriptions; a second close does nothing.
 
-        Waits up to 1 s for each of the session's threads.
+        Waits up to 1 s for each thread of the session.
         """
         if self._closed:
             return

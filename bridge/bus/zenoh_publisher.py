@@ -1,4 +1,4 @@
-"""Implementation of contract.Publisher on zenoh; a publisher with a cache numbers its messages for gap detection."""
+"""Publisher on zenoh (contract.Publisher). A publisher with a cache numbers its messages for gap detection."""
 
 from typing import TYPE_CHECKING
 
@@ -13,17 +13,17 @@ if TYPE_CHECKING:
 
 
 class Publisher(Declared):
-    """Sends messages on one key over zenoh (contract.Publisher); with a cache, messages are numbered and kept."""
+    """Publisher of messages on one key over zenoh (contract.Publisher); with a cache, messages are numbered and kept."""
 
     def __init__(self, bus: "ZenohBus", publisher: zenoh.Publisher, key: str, cache: Cache | None) -> None:
         super().__init__(bus, publisher)
         self._publisher, self._key, self.cache = publisher, key, cache
 
     def put(self, payload: bytes, attachment: bytes = b"") -> None:
-        """Send a payload. Raises BusError after close, or if zenoh fails.
+        """Send one message. Raises BusError after close, or if zenoh fails.
 
-        attachment: bytes sent beside the payload, which another protocol requires; only for a publisher without a
-        cache.
+        attachment: bytes that travel beside the payload, for protocols that require them; ignored if the publisher has
+        a cache, which sends its own.
         """
         with self._lock:  # send in the order of the numbers
             if self._closed:
@@ -41,7 +41,7 @@ class Publisher(Declared):
 
     @property
     def wanted(self) -> bool:
-        """True if a subscriber exists now; always true with a cache, because late subscribers read the cache."""
+        """True if a subscriber exists now, or if the publisher has a cache, which late subscribers read."""
         if self.cache is not None:
             return True
         try:

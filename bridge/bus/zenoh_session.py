@@ -1,7 +1,8 @@
-"""zenoh session: open, close, settings files, errors, and declarations.
+"""zenoh sessions: opening, closing, settings files, conversion of errors, and handles of declared objects.
 
-Data arrives through zenoh's channels, read by daemon threads of this package. A zenoh callback would either add a thread
-that keeps a failed program from exiting, or need the interpreter's lock on zenoh's receive path.
+zenoh channels receive the data, and daemon threads of this package read the channels. zenoh's callbacks are not used:
+one form of callback adds a thread that keeps a failed program from exiting. The other needs the lock of the Python
+interpreter on zenoh's receive path.
 """
 
 import contextlib
@@ -54,9 +55,9 @@ _PARTS = (
 
 
 def open_session(settings: zenoh_settings.Settings, complaint: str, timeout_s: float = 0.0) -> zenoh.Session:
-    """Open a zenoh session with these settings, retrying for timeout_s seconds.
+    """Open a zenoh session with these settings; retry for timeout_s seconds.
 
-    Raises BusError with a message that begins with `complaint`.
+    complaint: beginning of the error message. Raises BusError if zenoh cannot open the session.
     """
     with as_bus_error(complaint):
         config = zenoh.Config.from_json5(json.dumps(settings))
@@ -71,9 +72,9 @@ def open_session(settings: zenoh_settings.Settings, complaint: str, timeout_s: f
 
 
 def read_settings(path: str) -> zenoh_settings.Settings:
-    """Read a zenoh settings file (JSON5) into a dict, with all defaults filled in.
+    """Read a zenoh settings file (JSON5) into a dict; settings missing in the file get zenoh's defaults.
 
-    Raises BusError for an invalid file.
+    Raises BusError for a file that is unreadable or invalid.
     """
     if words := os_errors.unreadable(Path(path)):
         raise BusError(f"{path}: {words}")
@@ -82,7 +83,7 @@ def read_settings(path: str) -> zenoh_settings.Settings:
 
 
 def with_defaults(settings: zenoh_settings.Settings) -> zenoh_settings.Settings:
-    """Return zenoh settings with zenoh's defaults filled in, as `read_settings` does for a file."""
+    """Return zenoh settings completed with zenoh's defaults, as `read_settings` does for a file."""
     return _whole(zenoh.Config.from_json5(json.dumps(settings)))
 
 
@@ -100,13 +101,13 @@ def close_session(session: zenoh.Session) -> None:
 
 
 class Joined(Generic[_T]):
-    """Several zenoh channels read as one, in rotation; raises ZError once one of them is closed."""
+    """Reads several zenoh channels as one, in rotation. Reading raises zenoh.ZError once one of the channels is closed."""
 
     def __init__(self, channels: Sequence[handlers.Handler[_T]]) -> None:
         self._channels = deque(channels)
 
     def try_recv(self) -> _T | None:
-        """Return the next item of any channel, or None if there is none yet."""
+        """Return the next item of any channel without waiting; None if no item is there."""
         for _ in range(len(self._channels)):
             item = self._channels[0].try_recv()
             self._channels.rotate(-1)
@@ -115,7 +116,10 @@ class Joined(Generic[_T]):
         return None
 
     def recv(self) -> _T:
-        """Wait for the next item of any channel. Polls every POLL_S, because zenoh cannot wait for several channels."""
+        """Wait for the next item of any channel and return it.
+
+        Polls several channels every POLL_S seconds, because zenoh cannot wait for more than one.
+        """
         if len(self._channels) == 1:
             return self._channels[0].recv()
         while (item := self.try_recv()) is None:
@@ -124,14 +128,14 @@ class Joined(Generic[_T]):
 
 
 class Undeclared(Protocol):
-    """zenoh's handle of a declaration: a subscriber, publisher, queryable or token."""
+    """zenoh's object for a subscriber, publisher, queryable or liveliness token that can be removed."""
 
     def undeclare(self) -> object:
-        """Remove the declaration from zenoh; it receives and sends no more."""
+        """Remove the object from zenoh: it receives and sends nothing more."""
 
 
 class Declared:
-    """A declaration in a bus session (contract.Declared): one or several zenoh handles, closed together."""
+    """Handle of one or several zenoh objects of a bus session, closed together (contract.Declared)."""
 
     def __init__(self, bus: "ZenohBus", *declared: Undeclared) -> None:
         self._bus, self._declared = bus, declared
@@ -140,7 +144,7 @@ class Declared:
         bus.declared.add(self)
 
     def close(self) -> None:
-        """Undeclare all handles and release the declaration; a second close does nothing."""
+        """Remove all zenoh objects of this handle; a second close does nothing."""
         with self._lock:
             if self._closed:
                 return
@@ -155,7 +159,10 @@ class Declared:
 
 @contextlib.contextmanager
 def as_bus_error(complaint: str) -> Iterator[None]:
-    """Turn every zenoh error inside the `with` block into a BusError that begins with the complaint."""
+    """Convert every zenoh error inside the `with` block to a BusError.
+
+    complaint: beginning of the error message; the text of zenoh's error follows.
+    """
     try:
         yield
     except BaseException as error:
@@ -177,13 +184,13 @@ def _complaint(complaint: str, words: str) -> str:
 
 
 def said(error: BaseException) -> str:
-    """Return the text of a zenoh error without its source file and line."""
+    """Return the text of a zenoh error without the name and line of its source file."""
     return re.sub(r"\s*\bat /\S+\.rs:\d+\.?", "", str(error)).strip()
 
 
 def is_zenohs(error: BaseException) -> bool:
-    """Return whether an error comes from zenoh, including a panic of its Rust code.
+    """Return True if an error comes from zenoh, including a panic of its Rust code.
 
-    A Rust panic is no Exception, and its class cannot be imported: compare the name.
+    A Rust panic is not a subclass of Exception, and its class cannot be imported, so its name is compared.
     """
     return isinstance(error, zenoh.ZError) or type(error).__name__ == "PanicException"

@@ -1,4 +1,4 @@
-"""zenoh settings of clients and routers: explicit endpoints only, fast loss detection and reconnection."""
+"""zenoh settings of clients and routers: no automatic discovery, fast detection of lost peers, fast reconnection."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -32,9 +32,10 @@ Settings = dict[str, Any]
 
 
 def client(endpoints: Sequence[str], identity: Identity | None = None) -> Settings:
-    """Return zenoh settings of a client: connects to the first router that answers, and reconnects after any loss.
+    """Return zenoh settings for a client, which connects to the first router that answers and reconnects after any loss.
 
-    endpoints: of the routers, in order of preference. identity: certificate for TLS; None without.
+    endpoints: router endpoints, in order of preference. identity: paths of the certificate files for TLS; None without
+    TLS.
     """
     waits = (CLIENT_CUT_OFF_S, CLIENT_LEASE_S) if identity is None else (NETWORK_LEASE_S, NETWORK_LEASE_S)
     settings = _common(*waits) | {
@@ -54,9 +55,9 @@ def client(endpoints: Sequence[str], identity: Identity | None = None) -> Settin
 
 
 def router(listen: Sequence[str], shed: Sequence[str]) -> Settings:
-    """Return zenoh settings of a router that listens on endpoints and drops idle connections (SECURITY.md, T7).
+    """Return zenoh settings for a router that listens on endpoints and drops idle connections (SECURITY.md, T7).
 
-    shed: patterns on which a slow reader loses messages instead of slowing others.
+    shed: key patterns on which a slow reader loses messages instead of delaying other readers.
     """
     settings = _common(CUT_OFF_S, ROUTER_LEASE_S) | {
         "mode": "router",
@@ -74,9 +75,10 @@ def router(listen: Sequence[str], shed: Sequence[str]) -> Settings:
 def secured_router(
     listen: Sequence[str], shed: Sequence[str], identity: Identity, access_control: Settings, join: Sequence[str] = ()
 ) -> Settings:
-    """Return zenoh settings of a router that accepts only TLS with a client certificate, and applies `access_control`.
+    """Return zenoh settings for a router that accepts only TLS with a client certificate.
 
-    listen, shed: as in `router`. identity: the router's certificate. join: endpoints of other routers to connect to.
+    listen, shed: as in `router`. identity: paths of the router's certificate files. access_control: zenoh's settings
+    for access rules. join: endpoints of other routers to connect to.
     """
     settings = router(listen, shed)
     link = settings["transport"]["link"]
@@ -89,7 +91,7 @@ def secured_router(
 
 
 def shedding(shed: Sequence[str]) -> Settings:
-    """Return zenoh's router rule by which a slow reader loses messages on these patterns instead of delaying others."""
+    """Return zenoh's quality-of-service rule: a slow reader loses messages on these key patterns and delays no other."""
     return {
         # Heartbeats of a publisher with a cache would block as well.
         "key_exprs": [key for pattern in shed for key in (pattern, f"{pattern}/@adv/**")],
@@ -100,7 +102,7 @@ def shedding(shed: Sequence[str]) -> Settings:
 
 
 def size_limit() -> Settings:
-    """Return zenoh's filter for a router that rejects every message larger than MAX_PAYLOAD bytes."""
+    """Return zenoh's filter rule with which a router rejects every message larger than MAX_PAYLOAD bytes."""
     return {
         "id": "size",
         "flows": ["ingress"],
@@ -112,9 +114,10 @@ def size_limit() -> Settings:
 
 
 def joined(settings: Settings, join: Sequence[str]) -> Settings:
-    """Return router settings with connections to other routers.
+    """Return router settings with connections to other routers added.
 
-    join: endpoints of these routers, which may start later or be away for hours.
+    join: endpoints of the other routers. The connection is retried, so they may start later or be unreachable for
+    hours.
     """
     retry = {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 2}
     return settings | {"connect": {"endpoints": list(join), "timeout_ms": -1, "exit_on_failure": False, "retry": retry}}

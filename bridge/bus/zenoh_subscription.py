@@ -1,4 +1,4 @@
-"""Implementation of contract.Subscription on zenoh: live messages, history, and repair from publishers' caches."""
+"""Subscription on zenoh: receives live messages, and history and missed messages from publishers' caches."""
 
 import logging
 import threading
@@ -27,11 +27,12 @@ Found = dict[Source, dict[int, Message]]
 
 
 class Subscription(MessageQueue, Declared):
-    """Queue of the messages of several key patterns, over zenoh; see contract.Subscription.
+    """Queue of the messages that match several key patterns, received over zenoh; see contract.Subscription.
 
-    repaired: live messages wait for the history (`begin`), and the session's GapRepair fetches gaps (`due`,
-    `answered`).
-    prompt: a dedicated thread takes messages from zenoh at once; otherwise the session's thread does (`poll`).
+    repaired: True keeps live messages back until the history is delivered (`begin`). The session's GapRepair then
+    fetches missed messages (`due`, `answered`).
+    prompt: True uses a dedicated thread that takes messages from zenoh at once; False lets the session's thread call
+    `poll`.
     capacity: number of live messages that the queue holds.
     """
 
@@ -59,34 +60,46 @@ class Subscription(MessageQueue, Declared):
 
     @property
     def caught_up(self) -> bool:
-        """True if the history has been delivered, or was not asked for."""
+        """True if the history has been delivered, or was not requested."""
         return self._begun.is_set()
 
     def begin(self, past: Found) -> None:
-        """Deliver the history (messages by publisher and number) to the queue; live messages follow."""
+        """Deliver the history to the queue; live messages follow.
+
+        past: messages by publisher and message number.
+        """
         now_s = time.monotonic()
         self._hand_on(lambda: newest_last(filter(None, (self._sequences.history(*one, now_s) for one in past.items()))))
         self._begun.set()
 
     def due(self) -> list[Gap]:
-        """Return the gaps to query publishers' caches for now; each needs a call of `answered`."""
+        """Return the gaps for which publishers' caches should be queried now.
+
+        The caller must report the answer to each gap by `answered`.
+        """
         if not (self.repaired and self.caught_up):
             return []
         with self._order:
             return self._sequences.due(time.monotonic())
 
     def answered(self, source: Source, found: Found) -> None:
-        """Deliver a cache's answer about a gap of the publisher `source`; empty if the publisher was unreachable."""
+        """Deliver a cache's answer about a gap of the publisher `source`.
+
+        found: messages by publisher and message number; empty if the publisher was unreachable.
+        """
         self._hand_on(lambda: self._sequences.answered(source, found.get(source, {}), time.monotonic()))
 
     def heard(self, newest: Found) -> None:
-        """Take the numbers of publishers' newest messages, by publisher, to detect a lost last message."""
+        """Compare publishers' newest message numbers with the received ones, to detect a lost last message.
+
+        newest: messages by publisher and message number; only the numbers are used.
+        """
         with self._order:
             for source, numbers in newest.items():
                 self._sequences.heard(source, max(numbers), time.monotonic())
 
     def poll(self) -> None:
-        """Move received messages from zenoh into the queue without waiting; nothing for a `prompt` subscription."""
+        """Move received messages from zenoh into the queue without waiting; does nothing for a `prompt` subscription."""
         if self._prompt or not self.caught_up:
             return
         try:

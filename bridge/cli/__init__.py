@@ -1,4 +1,4 @@
-"""Command-line verbs `truerate bridge | router | record | recording | pki`: arguments in, exit code out.
+"""Command-line verbs `truerate bridge | router | record | recording | pki`: arguments to parse, exit codes to return.
 
-Verbs only parse and print; the other rooms do the work. Begin at `parser`; each verb module has `add_verbs`.
+The verbs parse and print; other packages do the work. Begin at `parser`; each verb module has a function `add_verbs`.
 """

@@ -1,4 +1,4 @@
-"""Command-line verbs `truerate bridge ...`: arguments in, exit code out."""
+"""Command-line verbs `truerate bridge ...`: run a bridge, list drivers, scan ports, replay recordings, list profiles."""
 
 import argparse
 import logging
@@ -39,7 +39,7 @@ _log = logging.getLogger(__name__)
 
 
 def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
-    """Add `bridge` to the command; each of its verbs sets `run(args) -> exit code`."""
+    """Add the command `bridge` and its verbs to the parser; each verb sets `run(args)`, which returns the exit code."""
     run_example = "truerate bridge run configs/ward.toml"
     inner = add_group(verbs, "bridge", "read devices and publish their samples to the ward", f"Example: {run_example}")
     verb = add_guarded(

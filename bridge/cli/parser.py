@@ -1,4 +1,4 @@
-"""Argument parser that suggests the nearest known word for a misspelt one, and helpers that add verbs to it."""
+"""Argument parser that suggests the nearest known word for a misspelt one, and functions that add verbs to a parser."""
 
 import argparse
 import re
@@ -15,7 +15,7 @@ _NO_CHOICE = re.compile(r"(?P<where>.*)invalid choice: '(?P<word>.*)' \(choose f
 
 
 class Verbs(Protocol[P_co]):
-    """Result of argparse's `add_subparsers`, as a type: the object that verbs are added to.
+    """Type of the object that argparse's `add_subparsers` returns, to which verbs (subcommands) are added.
 
     P_co: type of a verb's parser.
     """
@@ -25,16 +25,16 @@ class Verbs(Protocol[P_co]):
 
 
 class Parser(argparse.ArgumentParser):
-    """Argument parser whose errors name the nearest known word, and which lists its commands."""
+    """Argument parser whose error messages suggest the nearest known word; it also lists its subcommands."""
 
     def add_subparsers(self, **how: Any) -> "argparse._SubParsersAction[Any]":
-        """Add subcommands as argparse does, and remember them for `commands`. how: argparse's keyword arguments."""
+        """Add subcommands as argparse does, and store them for `commands`. how: argparse's keyword arguments."""
         self._verbs = super().add_subparsers(**how)
         return self._verbs
 
     @property
     def commands(self) -> "dict[str, Parser]":
-        """The parser of each command, by the command's name; empty if the parser has no commands."""
+        """The parser of each subcommand, by name; {} if the parser has no subcommands."""
         verbs = getattr(self, "_verbs", None)
         return dict(verbs.choices) if verbs else {}
 
@@ -43,7 +43,7 @@ class Parser(argparse.ArgumentParser):
     ) -> tuple[argparse.Namespace, list[str]]:
         """Parse arguments as argparse does; return the namespace and an empty list.
 
-        An unknown argument ends the program with an error that names the verb's nearest option.
+        An unknown argument ends the program with exit code 2 and an error that names the verb's nearest option.
         """
         given, over = super().parse_known_args(args, namespace)
         if over:
@@ -51,9 +51,9 @@ class Parser(argparse.ArgumentParser):
         return given, over
 
     def error(self, message: str) -> NoReturn:
-        """Print the error in one line on stderr and exit with code 2.
+        """Print an error in one line on stderr and exit with code 2.
 
-        The nearest choice replaces the list of choices.
+        For an invalid choice, the message names the nearest valid choice instead of all choices.
         """
         if match := _NO_CHOICE.fullmatch(message):
             known = re.findall(r"[\w-]+", match["known"])
@@ -71,7 +71,7 @@ def _left_over(words: Sequence[str], options: Iterable[str]) -> str:
 class Version(argparse.Action):
     """Action of the option `--version`: prints truerate's version and exits.
 
-    The version is looked up only then, because that is slow.
+    The version is looked up only when the option is given, because the lookup is slow.
     """
 
     def __init__(self, option_strings: Sequence[str], dest: str) -> None:
@@ -86,9 +86,9 @@ class Version(argparse.Action):
 
 
 def seed(text: str) -> int:
-    """Parse an option's text to a random seed, a whole number from 0 to 2**31 - 1.
+    """Convert an option's text to a random seed, a whole number from 0 to 2**31 - 1.
 
-    For argparse's `type`; raises ArgumentTypeError for any other text.
+    For argparse's `type`. Raises ArgumentTypeError for any other text.
     """
     if not (text.isdecimal() and int(text) < 1 << 31):
         raise argparse.ArgumentTypeError(f"{text!r}: use a whole number from 0 to {(1 << 31) - 1}")
@@ -96,7 +96,7 @@ def seed(text: str) -> int:
 
 
 def sentence(words: str) -> str:
-    """Return a verb's help text as a sentence: with a capital and a full stop."""
+    """Return a help text as a sentence: with a capital letter and a full stop."""
     return f"{words[:1].upper()}{words[1:]}{'' if words.endswith(('.', '?')) else '.'}"
 
 
@@ -107,10 +107,10 @@ def add_verb(
     does: str,
     more: str = "",
 ) -> argparse.ArgumentParser:
-    """Add a verb that calls `run` with the parsed arguments, and return its parser.
+    """Add a verb that calls `run` with the parsed arguments, and return the verb's parser.
 
-    run: returns an exit code, or None for 0.
-    does: help text, without a full stop. more: text after the options, with its own line breaks.
+    run: returns an exit code, or None for exit code 0. does: help text without a full stop.
+    more: text shown after the options, with its own line breaks.
     """
     verb = _add(verbs, name, does, sentence(does), more)
     verb.set_defaults(run=run)
@@ -120,9 +120,11 @@ def add_verb(
 def add_guarded(
     verbs: "Verbs[argparse.ArgumentParser]", name: str, run: Run, does: str, example: str
 ) -> argparse.ArgumentParser:
-    """Add a verb and return its parser; a ValueError of `run` becomes ConfigError, an error in the arguments.
+    """Add a verb whose `run` may raise ValueError for invalid arguments, and return the verb's parser.
 
-    run: takes the parsed arguments and returns an exit code. does: help text. example: command shown after the options.
+    A ValueError of `run` is raised as ConfigError, which the command reports as an error in the arguments.
+    run: takes the parsed arguments and returns an exit code. does: help text without a full stop.
+    example: command shown after the options.
     """
     return add_verb(verbs, name, _guarded(run), does, f"Example: {example}")
 
@@ -130,15 +132,15 @@ def add_guarded(
 def add_group(
     verbs: "Verbs[argparse.ArgumentParser]", name: str, does: str, more: str = "", *, about: str = ""
 ) -> "Verbs[argparse.ArgumentParser]":
-    """Add a verb that has verbs of its own; return the object to which these are added.
+    """Add a verb that has subcommands of its own; return the object to which these are added.
 
-    does: help text. about, more: text before and after the list of verbs.
+    does: help text. about, more: text before and after the list of subcommands; by default `about` is the help text.
     """
     return _add(verbs, name, does, about or sentence(does), more).add_subparsers(metavar="VERB", required=True)
 
 
 def add_device(verb: argparse.ArgumentParser, more: str = "") -> None:
-    """Add the positional argument `device`, the id of a device. more: text that follows its help text."""
+    """Add the positional argument `device`, the id of a device. more: text appended to its help text."""
     verb.add_argument("device", help=f"device id as in `truerate devices`{more}")
 
 

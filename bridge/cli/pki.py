@@ -1,4 +1,7 @@
-"""Command-line verbs `truerate pki ...`: arguments in, exit code out; `show` exits with 1 if a certificate needs action."""
+"""Command-line verbs `truerate pki ...`: create, renew, revoke and list certificates.
+
+Each verb returns an exit code; `show` returns 1 if a certificate must be renewed.
+"""
 
 import argparse
 import json
@@ -37,7 +40,7 @@ docs/security.md explains each step."""
 
 
 def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
-    """Add `pki` and its verbs to the command; each verb sets `run(args) -> exit code`."""
+    """Add the command `pki` and its verbs to the parser; each verb sets `run(args)`, which returns the exit code."""
     inner = add_group(verbs, "pki", "make, renew and revoke certificates of routers and programs", ROLES)
     verb = _verb(inner, "init", _init, "make the certificate authority of a ward")
     verb.add_argument(

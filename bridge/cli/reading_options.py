@@ -1,4 +1,4 @@
-"""Command-line options for properties missing in a recording's file."""
+"""Command-line options for properties that a recording's file lacks or states wrongly: sample rate, units, columns."""
 
 import argparse
 
@@ -8,9 +8,9 @@ from bridge.toml.loader import ConfigError
 
 
 def add_reading(verb: argparse.ArgumentParser, *, device: bool = True) -> None:
-    """Add the command-line options that make a Reading: rate, units, columns and boot of a recording's file.
+    """Add the command-line options of a Reading: sample rate, units, columns and boot of a recording's file.
 
-    device: add also the option that chooses a device of a ward's recording.
+    device: True adds also the option that chooses one device of a file with several.
     """
     told = verb.add_argument_group("properties missing or wrong in the file")
     told.add_argument("--rate-hz", type=float, metavar="HZ", help="output data rate in Hz; replaces the file's times")
@@ -40,7 +40,7 @@ def add_reading(verb: argparse.ArgumentParser, *, device: bool = True) -> None:
 
 
 def reading_of(given: argparse.Namespace) -> Reading:
-    """Return the parsed options as a Reading. Raises ConfigError for an invalid option, which is wrong usage."""
+    """Return the parsed options as a Reading. Raises ConfigError for an invalid option."""
     try:
         return Reading(**{name: getattr(given, name) for name in Reading.__struct_fields__ if name != "device"})
     except RecordingError as error:
@@ -48,5 +48,5 @@ def reading_of(given: argparse.Namespace) -> Reading:
 
 
 def named(columns: str) -> tuple[str, ...]:
-    """Split the option `--columns` into column names, at commas, or at semicolons where names contain commas."""
+    """Split the option `--columns` into column names: at semicolons if there are any, else at commas."""
     return tuple(name.strip() for name in columns.split(";" if ";" in columns else ",") if name.strip())

@@ -1,4 +1,4 @@
-"""Command-line verbs `truerate record` and `truerate recording ...`: arguments in, exit code out."""
+"""Command-line verbs `truerate record` and `truerate recording ...`: record a ward; inspect, convert and repair recordings."""
 
 import argparse
 import json
@@ -64,7 +64,7 @@ CONVERT = """examples:
 
 
 def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
-    """Add `record` and `recording` to the command; each verb sets `run(args) -> exit code`."""
+    """Add the commands `record` and `recording` to the parser; each verb sets `run(args)`, which returns the exit code."""
     verb = add_verb(verbs, "record", _record, "record all data of a ward to MCAP files until stopped (Ctrl-C)", RECORD)
     add_ward(verb, "the ward's file (TOML): gives the ward's name, the routers and the table [recorder]")
     verb.add_argument(

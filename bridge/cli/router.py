@@ -1,4 +1,4 @@
-"""Command-line verb `truerate router`: runs a zenoh router, configured by a ward's file or a router file."""
+"""Command-line verb `truerate router`: runs a zenoh router with the settings of a ward file or of a router file."""
 
 import argparse
 import logging
@@ -43,7 +43,8 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
 def router(args: argparse.Namespace) -> int:
     """Run a zenoh router until Ctrl-C or SIGTERM (`truerate router`); return exit code 0.
 
-    Raises ValueError for an invalid argument, and ConfigError for a file or certificate that cannot be used.
+    Raises ValueError for an invalid argument, ConfigError for an unusable file or certificate, and BusError if the
+    router cannot listen.
     """
     written = args.config and args.config.suffix in (".json5", ".json")
     file = _looked_through(args.config) if written else None

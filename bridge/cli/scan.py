@@ -1,4 +1,4 @@
-"""Command-line verb `truerate bridge scan`: which device is on which port, with a snippet for the ward's file."""
+"""Command-line verb `truerate bridge scan`: finds out which device is connected to which port."""
 
 import argparse
 
@@ -14,7 +14,7 @@ _DONE, _NOTHING = 0, 1
 
 
 def add_arguments(verb: argparse.ArgumentParser) -> None:
-    """Add the arguments of `truerate bridge scan` to its parser."""
+    """Add the arguments of `truerate bridge scan` to its parser: ports, baud rates, seconds to listen."""
     verb.add_argument(
         "--port",
         action="append",
@@ -38,9 +38,9 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
 
 
 def scan(args: argparse.Namespace) -> int:
-    """Listen on the ports; print the devices found, advice and a snippet for the ward file (`truerate bridge scan`).
+    """Listen on the ports; print the devices found, advice, and tables to paste into the ward file (`truerate bridge scan`).
 
-    Returns exit code 0 if a device was recognised, else 1. Raises ValueError for an invalid argument.
+    Returns exit code 0 if a device is recognised, else 1. Raises ValueError for an invalid argument.
     """
     tried = candidates(registry.kinds().values())
     speeds = args.baud or bauds(tried)

@@ -1,4 +1,4 @@
-"""Command-line options that select a ward and its routers."""
+"""Command-line options that select a ward and its routers: --config, --ward, --connect."""
 
 import argparse
 from pathlib import Path
@@ -29,10 +29,10 @@ def add_ward(
 
 
 def ward_of(args: argparse.Namespace, kind: type[R]) -> R:
-    """Return the ward file's content, or defaults without a file. The options for ward and routers take precedence.
+    """Return the content of the ward file, with the options --ward and --connect in place of its ward and routers.
 
-    kind: type of the content, Root or a subclass. Raises ConfigError for an invalid file, ValueError for an invalid
-    option.
+    Without --config, all settings have their defaults. kind: type of the content, Root or a subclass.
+    Raises ConfigError for an invalid file, and ValueError for an invalid option.
     """
     root = load(args.config, kind) if args.config else kind(ward=args.ward or "ward")
     bus = replace(root.bus, connect=check_endpoints(args.connect, "--connect")) if args.connect else root.bus

@@ -1,4 +1,4 @@
-"""Cross-checks of a ward's files: ids, endpoints, certificates, and router rules."""
+"""Cross-checks of a ward's files: conflicts between ids, endpoints, certificates, settings and router access rules."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import datetime
@@ -20,10 +20,10 @@ _ALIKE = ("method", "model", "models", "horizontal_turns", "warming_s", "silence
 
 
 def faults(wards: Mapping[Path, Root], routers: Sequence[RouterFile], now: datetime) -> list[str]:
-    """Compare ward files with each other, with their certificates and with the routers' rules; return all faults.
+    """Compare ward files with each other, with their certificates and with the routers' access rules; return all faults.
 
-    Each fault is a sentence that begins with the file.
-    wards: content of the ward files, by path. now: datetime with time zone at which certificates must be valid.
+    Each fault is a sentence that begins with the path of the file.
+    wards: content of the ward files, by path. now: time at which certificates must be valid, a datetime with time zone.
     """
     return [
         *(f"{router.path}: {words}" for router in routers for words in _of_router(router, now)),
@@ -35,9 +35,10 @@ def faults(wards: Mapping[Path, Root], routers: Sequence[RouterFile], now: datet
 
 
 def soon(wards: Mapping[Path, Root], routers: Sequence[RouterFile]) -> Iterator[str]:
-    """Yield a sentence for each certificate that ends soon: within 14 days, or in the last third of a short validity.
+    """Yield a sentence for each certificate that expires soon: in the last 14 days, or last third, of its validity period.
 
-    The sentence begins with the file. wards: content of the ward files, by path.
+    The shorter of the two applies. The sentence begins with the path of the file. wards: content of ward files, by
+    path.
     """
     for path, root in wards.items():
         yield from (f"{path}: [bus]: {words}" for routers in root.bus.every() for words in routers.soon())
@@ -48,7 +49,8 @@ def soon(wards: Mapping[Path, Root], routers: Sequence[RouterFile]) -> Iterator[
 def unused(wards: Mapping[Path, Root]) -> Iterator[str]:
     """Yield a sentence for each device that `[estimator] models` names but that is not enrolled.
 
-    Without a table [devices], the names are compared with the devices listed in these files. wards: content by path.
+    Without a table [devices], the names are compared with the bridges' devices in these files.
+    wards: content of the ward files, by path.
     """
     for path, root in wards.items():
         listed = {

@@ -1,4 +1,4 @@
-"""Enrolled devices of a ward: the table [devices] of the ward file."""
+"""Enrolment: the table [devices] of the ward file, which lists the devices to accept."""
 
 from collections.abc import Iterable
 
@@ -9,7 +9,10 @@ from bridge.wire.refusal import Refusal
 
 
 class Enrolment(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """The devices to accept. Without this table, every device is accepted."""
+    """Table [devices] of the ward file: the devices to accept. Without this table, every device is accepted.
+
+    Raises ValueError for an empty list, an invalid id, and a device listed with two different bridges.
+    """
 
     #: device ids: `wrist-01` by any bridge, `bridge-1/wrist-01` by that bridge only
     enrolled: tuple[str, ...]
@@ -21,7 +24,7 @@ class Enrolment(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
     @property
     def places(self) -> dict[str, str]:
-        """Bridge ids by device id; "" if any bridge may send the device."""
+        """Bridge id of each enrolled device, by device id; "" if any bridge may send the device."""
         return places(self.enrolled)
 
 

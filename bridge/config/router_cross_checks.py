@@ -1,4 +1,4 @@
-"""Cross-checks of a router: trusted issuers against access rules, and which router an endpoint leads to."""
+"""Cross-checks of a router: trusted issuers against access rules, and which router a given endpoint leads to."""
 
 from collections.abc import Iterator
 
@@ -10,11 +10,11 @@ _ANEW = "write both files of the router with `truerate pki router`, and copy bot
 
 
 def faults(router: RouterFile) -> Iterator[str]:
-    """Yield faults of members trusted by a router without access rules, and of members with rules but not trusted.
+    """Yield a sentence for members that a router trusts without access rules, and for members with rules it does not trust.
 
-    Each is a sentence for a person.
-    The issuers in the router's file of authorities are compared with the names in its access rules. Nothing is compared
-    if a certificate is unreadable, or if the site has its own authority.
+    The certificate issuers that the router trusts are compared with the names in its access rules. Nothing is compared
+    if a certificate is unreadable, or if no issuers of single members are trusted because the site has its own
+    authority.
     """
     try:
         trusted = [common_name(one) for one in certificates(router.identity.ca)] if router.identity else []
@@ -32,9 +32,10 @@ def faults(router: RouterFile) -> Iterator[str]:
 
 
 def reaches(endpoint: str, router: RouterFile) -> bool:
-    """Return whether an endpoint such as `tls/ward-3.example:7447` leads to this router.
+    """Return True if an endpoint such as `tls/ward-3.example:7447` leads to this router.
 
-    The protocol and port must be the same; the host must be in the router's certificate, else in its listen addresses.
+    The protocol and the port must be the same. The host must be in the router's certificate; without certificate, among
+    the hosts that the router listens on.
     """
     hosts = hosts_at(router) or [host_of(listen) for listen in router.listen]
     return port_of(endpoint) in map(port_of, router.listen) and any(
@@ -43,7 +44,7 @@ def reaches(endpoint: str, router: RouterFile) -> bool:
 
 
 def hosts_at(router: RouterFile) -> list[str]:
-    """Return the host names and addresses in a router's certificate; empty if the certificate is unavailable."""
+    """Return the host names and IP addresses in a router's certificate; [] if there is no readable certificate."""
     try:
         return hosts_of(certificates(router.identity.certificate)[0]) if router.identity else []
     except ValueError:
@@ -51,21 +52,21 @@ def hosts_at(router: RouterFile) -> list[str]:
 
 
 def host_of(endpoint: str) -> str:
-    """Return the host name or address of an endpoint, in lower case: `10.0.0.5` of `tls/10.0.0.5:7447`."""
+    """Return the host name or address of an endpoint, in lower case: `10.0.0.5` for `tls/10.0.0.5:7447`."""
     address = endpoint.partition("/")[2].partition("#")[0].partition("?")[0]
     return address.rpartition(":")[0].strip("[]").lower()
 
 
 def is_for(certified: str, host: str) -> bool:
-    """Return whether a name in a certificate matches a host. A leading `*.` stands for one part: `*.ward.example`."""
+    """Return True if a name in a certificate matches a host. A leading `*.` stands for one part: `*.ward.example`."""
     name = certified.lower()
     return name == host or (name.startswith("*.") and name[2:] == host.partition(".")[2])
 
 
 def port_of(endpoint: str) -> tuple[str, str]:
-    """Return protocol and port of an endpoint as texts, such as ("tls", "7447").
+    """Return (protocol, port) of an endpoint as texts, such as ("tls", "7447").
 
-    A Unix socket has its path instead of a port.
+    For a Unix socket, the path takes the place of the port.
     """
     protocol, _, address = endpoint.partition("/")
     bare = address.partition("#")[0].partition("?")[0]

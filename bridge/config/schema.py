@@ -1,6 +1,7 @@
-"""Schema of the ward file, which serves both the bridge and the estimator.
+"""Schema of the ward file (TOML), which configures both the bridge and the estimator.
 
-The estimator subclasses `Root` to give the tables `estimator`, `dashboard` and `alerts` their types; here any content passes.
+The estimator's subclass of `Root` defines the tables `estimator`, `dashboard` and `alerts`. `Root` itself accepts any
+content in these tables.
 """
 
 import os
@@ -35,9 +36,9 @@ _ADDRESS = re.compile(r"[^?#\s]+:(\d{1,5})(?:[?#].*)?\Z")
 
 
 def check(text: object, what: str) -> str:
-    """Return an id of the configuration if it is valid. Raises ValueError with the expected format.
+    """Validate an id in the configuration and return it. Raises ValueError with the expected format.
 
-    what: name of the id in the error.
+    what: name of the id in the error message.
     """
     try:
         return check_id(text, what)
@@ -46,10 +47,10 @@ def check(text: object, what: str) -> str:
 
 
 def check_endpoints(endpoints: Sequence[str], key: str) -> tuple[str, ...]:
-    """Return zenoh endpoints PROTOCOL/HOST:PORT as a tuple, if all are valid and no two are equal.
+    """Validate zenoh endpoints PROTOCOL/HOST:PORT and return them as a tuple.
 
-    Raises ValueError otherwise, or if there is none; the text begins with `key`, a key of the file or a command-line
-    option.
+    key: key of the file or command-line option, with which the error message begins.
+    Raises ValueError for an invalid endpoint, for two equal endpoints, or if there is no endpoint.
     """
     if not endpoints:
         raise ValueError(f"{key} needs at least one endpoint, such as {LOCAL!r}")
@@ -71,7 +72,10 @@ def check_endpoints(endpoints: Sequence[str], key: str) -> tuple[str, ...]:
 
 
 def listening(address: str) -> tuple[str, int]:
-    """Parse the `health` address `HOST:PORT` to host, without brackets, and port. Raises ValueError with the format."""
+    """Parse the `health` address `HOST:PORT` to (host, port); an IPv6 host is returned without brackets.
+
+    Raises ValueError, with the expected format, for any other text.
+    """
     host, _, port = address.rpartition(":")
     if not host or not port.isdecimal() or not 1 <= int(port) <= 65535 or not address.isprintable():
         raise ValueError(f"health is {address!r}: write HOST:PORT, such as '127.0.0.1:9464'")
@@ -79,16 +83,21 @@ def listening(address: str) -> tuple[str, int]:
 
 
 def clash(address: str, other: str) -> bool:
-    """Return whether two listen addresses `HOST:PORT` on one machine conflict.
+    """Return True if two listen addresses `HOST:PORT` cannot be used on the same machine.
 
-    Two addresses conflict if the ports are equal, and the hosts are equal or one of them stands for all addresses.
+    The ports must be equal, and the hosts equal or one of them a wildcard for all addresses, such as 0.0.0.0.
+    Raises ValueError for an invalid address.
     """
     (host, port), (there, its) = (listening(one.replace("localhost", "127.0.0.1")) for one in (address, other))
     return port == its and (host == there or not {host, there}.isdisjoint(ANYWHERE))
 
 
 class Bus(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """The routers to connect to, and the certificate to show them."""
+    """Table [bus] of the ward file: the routers to connect to, and the certificates to show to the routers.
+
+    Raises ValueError for an invalid endpoint, an incomplete set of certificate files, `tls` without certificates, and
+    certificates without `tls`.
+    """
 
     #: zenoh endpoints of the routers, the nearest first: `tcp/127.0.0.1:7447`, `tls/ward-3.example:7447`
     connect: tuple[str, ...] = (LOCAL,)
@@ -125,10 +134,10 @@ class Bus(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
         return bool(self.pki or self.key)
 
     def every(self) -> list[Routers]:
-        """Return the routers' endpoints with each certificate of this machine's programs: one Routers per certificate.
+        """Return the routers' endpoints with each certificate of this machine's programs: one Routers object per certificate.
 
-        Without certificates, return one Routers with no identity. If the folder `pki` has no certificate, the paths in
-        the result do not exist, so that a check reports the folder.
+        Without certificates, the result is one Routers object without identity. If the folder `pki` has no certificate,
+        the paths in the result do not exist, so that a later check reports them.
         """
         if self.key:
             return [Routers(self.connect, Identity(self.ca, self.certificate, self.key))]
@@ -146,11 +155,11 @@ class Bus(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
         return Identity(f"{self.pki}/ca.pem", f"{here}.pem", f"{here}.key") if self.pki else None
 
     def routers_as(self, *roles: Role, name: str = "") -> Routers:
-        """Return the routers' endpoints with a certificate for one of the roles, the first role preferred.
+        """Return the routers' endpoints with a certificate for one of the roles; earlier roles are preferred.
 
-        name: id that the certificate must have; empty for any. Without certificates, the result has no identity.
-        Raises ConfigError if no certificate fits: a router would accept the connection and then silently drop all
-        messages.
+        name: id that the certificate must have; "" for any. Without certificates, the result has no identity.
+        Raises ConfigError if no certificate fits. With a certificate of another role, a router would accept the
+        connection and then silently drop all messages.
         """
         wanted = " or ".join(f"{role.value}:{name}" if name else role.value for role in roles)
         make = f"Run truerate pki issue {wanted.split(' or ')[0]}{'' if name else ':NAME'}"
@@ -182,7 +191,7 @@ class Bus(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
 
 class Router(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Listen addresses of `truerate router`."""
+    """Table [router] of the ward file: endpoints on which `truerate router` listens."""
 
     #: zenoh endpoints to listen on
     listen: tuple[str, ...] = (LOCAL,)
@@ -192,9 +201,9 @@ class Router(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
 
 class Device:
-    """One `[[bridge.devices]]` table: device id, driver name, and the driver's options.
+    """Table [[bridge.devices]] of the ward file: device id, driver name, and the driver's options.
 
-    Equal if all three are equal.
+    Two devices are equal if all three are equal.
     """
 
     __slots__ = ("driver", "id", "options")
@@ -233,14 +242,14 @@ class Device:
         return self.id, self.driver, self.options
 
     def make(self) -> Driver:
-        """Create the driver object that reads the device; its port or file is not yet open."""
+        """Create the driver that reads the device; its port or file is not opened yet."""
         return registry.kinds()[self.driver].make(self.options)
 
 
 class Bridge(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """The bridge, which reads devices and publishes their samples.
+    """Table [bridge] of the ward file: id, publishing interval, health address and devices of a bridge.
 
-    The table has its id, publishing interval, health address and devices.
+    Raises ValueError for an invalid value, and for two devices with the same id or the same port.
     """
 
     #: name of the bridge in keys and certificates
@@ -277,11 +286,10 @@ class Bridge(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
 
 class Root(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """The whole ward file, a field per table; a table that is not there has its defaults, or is None.
+    """Whole content of a ward file, with one field per TOML table. A missing table has its defaults, or is None.
 
-    ward: id of the ward.
-    The estimator's subclass gives `estimator`, `dashboard` and `alerts` their types. Raises ValueError for an invalid
-    ward id.
+    ward: id of the ward; ValueError is raised for an invalid one.
+    The estimator's subclass defines the types of `estimator`, `dashboard` and `alerts`.
     """
 
     ward: str

@@ -1,8 +1,8 @@
-"""The ward file of a running program: read again when it changes, and refused whole where it is invalid.
+"""Ward file of a running program: reloads the file when it changes, and rejects the whole file if any part is invalid.
 
-A program looks at its own file, so a reload needs no command, no right and no new message. On the bus, each program
-answers which content of the file it has read last, and which settings took effect: `truerate reload` and `truerate
-doctor` ask.
+Each program watches its own file, so a reload needs no command and no access right. On the bus, each program reports
+which content of the file it has read last, and which settings took effect. `truerate reload` and `truerate doctor`
+query these reports.
 """
 
 import hashlib
@@ -37,13 +37,13 @@ _log = logging.getLogger(__name__)
 
 
 class WardFile(Generic[R]):
-    """The ward file of one running program: `root` is the content in force, `report` the result of the last reading.
+    """Ward file of one running program. `root` is the content in force; `report` is the result of the last reading.
 
-    Raises ConfigError if the file is invalid at the start.
-    kind: type of the content, Root or a subclass. uses: tables that the program uses besides `ward` and `bus`.
-    live: settings, such as `bridge.devices`, that take effect without a restart.
-    check: raises ConfigError for a content that the program could not start with.
+    kind: type of the content, Root or a subclass. uses: tables that the program uses in addition to `ward` and `bus`.
+    live: settings that take effect without a restart, such as `bridge.devices`.
+    check: called with a new content; raises ConfigError if the program could not start with it.
     settled_s: seconds for which a changed file must stay unchanged before it is read.
+    The constructor raises ConfigError if the file is invalid.
     """
 
     def __init__(
@@ -67,7 +67,8 @@ class WardFile(Generic[R]):
     def look(self, now: float) -> R | None:
         """Return the new content if the file has changed and is valid, else None. now: seconds of a monotonic clock.
 
-        Call it about once a second. `report` and the log tell what took effect, or why the file was refused.
+        Call it about once a second. `report` and the log state which settings took effect, or why the file was
+        rejected.
         """
         stamp = stamp_of(self.path)
         if stamp != self._seen:
@@ -91,10 +92,11 @@ class WardFile(Generic[R]):
         return root
 
     def answer(self, bus: Bus, routers: Routers, role: Role, name: str) -> Declared:
-        """Answer queries on the bus about this program's ward file with `report`; close the result to stop.
+        """Answer queries on the bus about this program's ward file with `report`. Close the returned handle to stop.
 
         `truerate reload` and `truerate doctor` send these queries.
-        routers: how the bus is connected; without a certificate the program answers by this role and name.
+        routers: gives the certificate, whose role and name are part of the query key. role, name: used instead if there
+        is no certificate. Raises ValueError if the certificate is unreadable or names no role.
         """
         member = member_of(routers) or Member(role, name)
         key = keys.build(self._started.ward, "config", role=member.role.value, name=member.name)
@@ -114,7 +116,7 @@ class WardFile(Generic[R]):
 
 
 def member_of(routers: Routers) -> Member | None:
-    """Return the member (role and name) that the certificate of these routers names; None without a certificate.
+    """Return the member (role and name) in the certificate that is used with these routers; None without a certificate.
 
     Raises ValueError if the certificate is unreadable or names no role.
     """
@@ -126,7 +128,7 @@ def member_of(routers: Routers) -> Member | None:
 
 
 def digest_of(path: Path) -> str:
-    """Return the first 32 hexadecimal digits of the SHA-256 of a file's content; empty if it cannot be read."""
+    """Return the first 32 hexadecimal digits of the SHA-256 hash of a file's content; "" if the file cannot be read."""
     try:
         return hashlib.sha256(content(path)).hexdigest()[:32]
     except OSError:
@@ -136,8 +138,8 @@ def digest_of(path: Path) -> str:
 def differences(old: Struct, new: Struct, within: str = "") -> dict[str, str]:
     """Return the settings that differ between two contents of a ward file, by dotted name, such as `bridge.devices`.
 
-    The value describes a list or table: ids added (+), removed (-) and changed (~); empty for a single value.
-    within: text before each name, for an inner table, such as `bridge.`.
+    Each value lists the ids added (+), removed (-) and changed (~) in a list or table; it is "" for a single value.
+    within: prefix of each name, for an inner table, such as `bridge.`.
     """
     found: dict[str, str] = {}
     for field in fields(type(old)):
@@ -173,9 +175,9 @@ def _named(value: object) -> Mapping[str, Any]:
 
 
 def stamp_of(path: Path) -> tuple[int, int, int] | None:
-    """Return modification time in ns, size in bytes and inode of a file, to notice a change.
+    """Return (modification time in ns since the Unix epoch, size in bytes, inode) of a file, which differ after a change.
 
-    None if the file is not there.
+    None if the file is missing or inaccessible.
     """
     try:
         found = path.stat()

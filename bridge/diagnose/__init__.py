@@ -1,4 +1,4 @@
-"""Diagnosis of faults, with what to do: the checks of `truerate doctor`, the port scan, a profile tried on a capture.
+"""Diagnosis of faults with advice: the checks of `truerate doctor`, the port scan, and recognition of a device's protocol.
 
 Begin at `finding`; `protocol_guess` recognises a device by its bytes.
 """

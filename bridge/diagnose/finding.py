@@ -1,11 +1,11 @@
-"""The result of one check: a level, what was found, and what to do."""
+"""Finding: the result of one check of `truerate doctor`, with severity and advice."""
 
 from dataclasses import dataclass
 from enum import Enum
 
 
 class Level(Enum):
-    """Severity of a finding: OK; WARNING, it works now but may fail; TROUBLE, it does not work."""
+    """Severity of a finding: OK; WARNING, works now but may fail; TROUBLE, does not work."""
 
     OK = "ok"
     WARNING = "warning"
@@ -14,7 +14,7 @@ class Level(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """Result of one check: name of the check, level, what was found (said), and what to do if it is not ok (do)."""
+    """Result of one check: name of the check, severity, observation (`said`), and advice (`do`, "" if the level is OK)."""
 
     check: str
     level: Level
@@ -23,15 +23,15 @@ class Finding:
 
 
 def ok(check: str, said: str) -> Finding:
-    """Return a finding that all is well. said: what was found."""
+    """Create a finding of level OK. check: name of the check. said: observation in words."""
     return Finding(check, Level.OK, said)
 
 
 def warning(check: str, said: str, do: str) -> Finding:
-    """Return a finding of something that works, but not always or not well. do: what to do."""
+    """Create a finding of level WARNING: works now but may fail. said: observation in words. do: advice."""
     return Finding(check, Level.WARNING, said, do)
 
 
 def trouble(check: str, said: str, do: str) -> Finding:
-    """Return a finding of something that does not work. do: what to do."""
+    """Create a finding of level TROUBLE: does not work. said: observation in words. do: advice."""
     return Finding(check, Level.TROUBLE, said, do)

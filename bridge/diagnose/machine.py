@@ -1,4 +1,4 @@
-"""Checks of the machine: clock and disk."""
+"""Checks of the machine for `truerate doctor`: clock synchronisation, free disk space, folder of recordings."""
 
 import ctypes
 import os
@@ -28,7 +28,7 @@ class _Timex(ctypes.Structure):
 
 
 def clock_status() -> int | None:
-    """Return the kernel's clock status, bits STA_* of adjtimex(2); None if not available."""
+    """Return the status bits STA_* of the kernel's clock, from adjtimex(2); None if not available."""
     timex = _Timex()
     try:
         told = ctypes.CDLL(None).adjtimex(ctypes.byref(timex))
@@ -38,9 +38,9 @@ def clock_status() -> int | None:
 
 
 def clock(status: int | None) -> list[Finding]:
-    """Check whether the machine's clock is synchronised: recordings and machines are aligned by it.
+    """Check if the machine's clock is synchronised; recordings and machines are aligned by this clock.
 
-    status: as of `clock_status`.
+    status: result of `clock_status`. Returns one finding.
     """
     if status is None:
         return [warning("clock", "its synchronisation is unknown", "see `timedatectl`")]
@@ -54,15 +54,16 @@ def clock(status: int | None) -> list[Finding]:
 def disk(
     places: dict[str, Path], free: Callable[[Path], int] = lambda path: shutil.disk_usage(path).free
 ) -> list[Finding]:
-    """Check whether each folder is writable and has free space; one finding per folder.
+    """Check if each folder is writable and has free space. Returns one finding per folder.
 
-    places: folders by their use, in words. free: returns the free bytes at a path.
+    places: folders by purpose, in words. free: returns the free bytes of the disk that holds a path.
+    Less than 2 GB free is a warning; less than 100 MB is trouble.
     """
     return [_room(what, folder.absolute(), free) for what, folder in places.items()]
 
 
 def recordings(folder: Path) -> list[Finding]:
-    """Check whether the recorder's folder exists, which the recorder does not make; [] if it does.
+    """Check if the folder for recordings exists, because the recorder does not create it. Returns [] if it exists.
 
     A relative folder is not checked, because it depends on where the recorder is started.
     """

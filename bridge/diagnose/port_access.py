@@ -1,4 +1,4 @@
-"""Checks of serial ports: whether they can be opened, and whether ModemManager disturbs them."""
+"""Checks of serial ports for `truerate doctor`: if they can be opened, and if ModemManager disturbs them."""
 
 from collections.abc import Collection, Sequence
 from pathlib import Path
@@ -17,7 +17,10 @@ _IGNORED = "ID_MM_DEVICE_IGNORE"
 
 
 def usable(ports: Sequence[str]) -> list[Finding]:
-    """Check whether each serial port can be opened, or is read by a bridge; one finding for each port that cannot."""
+    """Check if each serial port can be opened. Returns one finding for each port that cannot, or one OK finding.
+
+    A port that a bridge is reading counts as usable.
+    """
     found = []
     for port in ports:
         said = serial_errors.fault(port)
@@ -28,9 +31,9 @@ def usable(ports: Sequence[str]) -> list[Finding]:
 
 
 def modem_manager(proc: Path = PROC, rules: Collection[Path] = _RULE_FOLDERS) -> list[Finding]:
-    """Check whether ModemManager, which writes to every new port to look for modems, leaves serial devices alone.
+    """Check if ModemManager, which writes to every new port to look for modems, ignores serial devices. Returns one finding.
 
-    proc: the /proc folder. rules: folders of udev rules.
+    proc: the folder /proc. rules: folders of udev rules.
     """
     if not any(_read(path).strip() == "ModemManager" for path in proc.glob("[0-9]*/comm")):
         return [ok("ModemManager", "does not run")]

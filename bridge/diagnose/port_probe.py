@@ -1,4 +1,4 @@
-"""Probes one port: opens it at one speed after another, until a driver understands its bytes."""
+"""Probe of a port: listens at one baud rate after another, until a driver recognises the received bytes."""
 
 import contextlib
 import string
@@ -26,9 +26,10 @@ Say = Callable[[str], None]
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """Result of probing a port: the best guess and its baud rate (0 for ports without one), or None.
+    """Result of probing a port: the best guess of the protocol, or None, and the baud rate.
 
-    words: why there is no guess, or what else to know, and what to do.
+    baud: bits per second; 0 if unknown, or if the port has no baud rate.
+    words: why there is no guess, or other matching protocols, and advice; may be "".
     """
 
     found: Found
@@ -38,14 +39,15 @@ class Verdict:
 
 
 def bauds(tried: Iterable[Candidate]) -> list[int]:
-    """Return the baud rates to try: the usual ones of the candidates first, then COMMON_BAUDS."""
+    """Return the baud rates to try, bits per second: first the usual rates of the candidates, then COMMON_BAUDS."""
     return list(dict.fromkeys([*(candidate.baud for candidate in tried if candidate.baud), *COMMON_BAUDS]))
 
 
 def examine(found: Found, tried: Sequence[Candidate], speeds: Sequence[int], seconds: float, say: Say) -> Verdict:
-    """Listen at a port at one baud rate after another, until a candidate driver understands the bytes. Sends nothing.
+    """Listen at a port at one baud rate after another, until a candidate driver recognises the bytes. Sends nothing.
 
-    speeds: baud rates. seconds: to listen at each of them. say: gets progress messages.
+    speeds: baud rates, bits per second. seconds: time to listen at each baud rate, s. say: called with progress
+    messages.
     """
     is_serial = "://" not in found.port
     if is_serial and (said := serial_errors.fault(found.port)) is not None:

@@ -1,4 +1,7 @@
-"""Guesses the protocol of bytes: every driver's decoder gets them, and the one that understands most wins. Pure."""
+"""Protocol recognition: decodes the received bytes by every driver; the driver that decodes the largest share is best.
+
+No I/O.
+"""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -20,11 +23,11 @@ _PORT = "scan"
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """A driver with options, tried on the bytes of a port.
+    """Driver with one set of options, to be tried on the bytes of a port.
 
-    table: the options as the ward file would have them, without port and baud. chosen: the same as the driver takes
-    them.
-    baud: the usual bits per second of such devices, 0 if they have none.
+    table: the options as in the ward file, without port and baud. chosen: the same options as the driver's options
+    object.
+    baud: usual baud rate of the driver's devices, bits per second; 0 if the devices have no baud rate.
     """
 
     kind: DriverKind
@@ -38,10 +41,10 @@ class Candidate:
 
 @dataclass(frozen=True, slots=True)
 class Guess:
-    """Result of decoding the bytes of a port by one candidate: numbers of samples and faults, and identity.
+    """Result of decoding a port's bytes by one candidate: number of samples, number of faults, and the device's identity.
 
-    rate_hz: measured by the host, else as the device reports; 0 if unknown.
-    lacking: what the driver says of data that it recognises but that carry no sample.
+    rate_hz: sample rate, from receive times if measurable, else as the device reports; 0 if unknown.
+    lacking: why recognised data contain no sample, as the driver reports; None if nothing is lacking.
     """
 
     candidate: Candidate
@@ -53,17 +56,17 @@ class Guess:
 
     @property
     def share(self) -> float:
-        """Share of samples among samples and faults, 0 to 1: how much of the data was understood."""
+        """Share of samples among samples and faults, 0 to 1: how much of the data was decoded."""
         return self.samples / max(1, self.samples + self.faults)
 
     @property
     def understood(self) -> bool:
-        """True if enough was understood to accept this candidate: 5 samples, and half of the data."""
+        """True if enough was decoded to accept this candidate: at least 5 samples and a share of at least 0.5."""
         return self.samples >= _FEWEST and self.share >= _SHARE
 
 
 def candidates(kinds: Iterable[DriverKind]) -> list[Candidate]:
-    """Return the candidates for unknown bytes: every driver that can decode them, once per table of its options."""
+    """Return all candidates for unknown bytes: each driver that can decode bytes, once per table of its options."""
     return [
         Candidate(kind, table, None if not table else chosen, getattr(chosen, "baud", 0))
         for kind in kinds
@@ -74,7 +77,10 @@ def candidates(kinds: Iterable[DriverKind]) -> list[Candidate]:
 
 
 def guesses(tried: Iterable[Candidate], chunks: Sequence[Chunk]) -> list[Guess]:
-    """Decode the received chunks by every candidate; return the results, best first."""
+    """Decode the received chunks by every candidate; return the results, best first.
+
+    A candidate whose decoder fails is left out.
+    """
     made = [guess for candidate in tried if (guess := _try(candidate, chunks)) is not None]
     return sorted(made, key=lambda guess: (guess.understood, round(guess.share, 2), guess.samples), reverse=True)
 

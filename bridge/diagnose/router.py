@@ -1,4 +1,4 @@
-"""Checks of a ward's routers: reachability and certificate."""
+"""Checks of a ward's routers and certificates for `truerate doctor`: if each router answers, and if a certificate expires."""
 
 from collections.abc import Callable, Iterator, Sequence
 from datetime import UTC, datetime
@@ -16,7 +16,7 @@ _RENEW = "on the authority's machine: truerate pki renew --soon; then copy the .
 def renewal(path: Path | None, ward: str) -> str:
     """Return in words how to renew a certificate of a ward. path: the ward file; None if unknown.
 
-    `truerate init` keeps the authority, which issues certificates, beside the ward file.
+    If the certificate authority of `truerate init` is beside the ward file, the text gives that command.
     """
     if path is None or not (path.parent / "authority").is_dir():
         return _RENEW
@@ -25,9 +25,9 @@ def renewal(path: Path | None, ward: str) -> str:
 
 
 def certificate(routers: Routers, renew: str = _RENEW) -> Iterator[Finding]:
-    """Check whether this program's certificate is valid, or expires soon; no finding without certificates.
+    """Check if this program's certificate is valid, or expires soon. Yields no finding without certificates.
 
-    renew: what to do if it expires soon.
+    renew: advice if it expires soon.
     """
     lasts = routers.lasts()
     if wrong := routers.faults():
@@ -43,9 +43,9 @@ def certificate(routers: Routers, renew: str = _RENEW) -> Iterator[Finding]:
 
 
 def page_certificate(file: str, renew: str) -> Finding:
-    """Check whether the certificate that browsers see is valid, or expires soon. renew: what to do then.
+    """Check if the certificate that the dashboard shows to browsers is valid, or expires soon.
 
-    file: path of the certificate.
+    file: path of the certificate. renew: advice if it expires soon or has expired.
     """
     try:
         lasts = lasts_of(certificates(file)[0])
@@ -60,9 +60,9 @@ def page_certificate(file: str, renew: str) -> Finding:
 
 
 def router(endpoints: Sequence[str], open_bus: Callable[[Sequence[str]], Bus] = ZenohBus) -> list[Finding]:
-    """Check whether each router endpoint answers: connect and disconnect again; the spare router has to answer too.
+    """Check if each router endpoint answers, by connecting and disconnecting again. All endpoints must answer.
 
-    A silent endpoint is a warning if another answers, else a trouble.
+    An endpoint without answer is a warning if another endpoint answers, else trouble.
     """
     routers = Routers.of(endpoints)
     reached, silent = list[str](), dict[str, str]()
@@ -79,5 +79,5 @@ def router(endpoints: Sequence[str], open_bus: Callable[[Sequence[str]], Bus] = 
 
 
 def answers(findings: Sequence[Finding]) -> bool:
-    """Return whether one of the routers answered, by the findings of `router`."""
+    """Return True if at least one router answered. findings: result of `router`."""
     return any(finding.level is Level.OK for finding in findings)

@@ -1,4 +1,4 @@
-"""Report of a scan: a table, and a snippet to paste into the ward's file. Pure."""
+"""Report of a port scan: a table for the terminal, and TOML to paste into the ward file. No I/O."""
 
 import itertools
 import json
@@ -17,7 +17,7 @@ _COLUMNS = (
 
 
 def table(verdicts: Iterable[Verdict]) -> Columns:
-    """Build the terminal table of a scan, with one row per port: port, USB device, protocol, model, rate."""
+    """Build the terminal table of a scan, with one row per port: port, USB device, protocol, model, sample rate in Hz."""
     made = Columns(_COLUMNS)
     for verdict in verdicts:
         guess = verdict.guess
@@ -30,7 +30,7 @@ def table(verdicts: Iterable[Verdict]) -> Columns:
 
 
 def snippet(verdicts: Sequence[Verdict], taken: Container[str] = ()) -> str:
-    """Return the [[bridge.devices]] tables (TOML) of the recognised devices; empty if there are none.
+    """Return the [[bridge.devices]] tables (TOML) of the recognised devices; "" if there are none.
 
     taken: device ids already in use.
     """

@@ -1,4 +1,4 @@
-"""Lists this machine's serial ports, each by its most stable name, with the description of its USB device."""
+"""List of this machine's serial ports, each by its most stable name, with the description of its USB device."""
 
 from pathlib import Path
 from typing import NamedTuple
@@ -8,7 +8,7 @@ _KINDS = ("ttyUSB", "ttyACM", "rfcomm")
 
 
 class Found(NamedTuple):
-    """A serial port: the name to use, and its USB device in words, empty if there is none."""
+    """Serial port: the name to use, and the description of its USB device; "" if there is none."""
 
     port: str
     usb: str = ""
@@ -17,7 +17,8 @@ class Found(NamedTuple):
 def find(dev: Path = DEV) -> list[Found]:
     """Return every serial port of this machine once, by its most stable name. dev: the folder /dev.
 
-    by-id names stay with the device, by-path names with the USB socket, ttyUSB0 with neither.
+    Names are preferred in this order: by-id, which follows the device; by-path, which follows the USB socket; ttyUSB0,
+    which follows neither.
     """
     from serial.tools.list_ports import comports  # noqa: PLC0415 - only a scan and doctor need it
 

@@ -1,4 +1,4 @@
-"""Boot detection for devices without boot numbers: by jumps of the device's clock, or by its own messages."""
+"""Boot detection for devices without boot numbers, by jumps of the device's clock or by the device's own report."""
 
 import secrets
 from collections.abc import Callable
@@ -24,7 +24,10 @@ def draw_boot() -> int:
 
 
 class Time(Enum):
-    """Verdict on a sample's time: it continues the current boot, is odd, or begins a new boot."""
+    """Classification of a sample's device time: it continues the current boot, is odd, or begins a new boot.
+
+    A sample with an odd time is ignored, unless the next samples agree with it.
+    """
 
     GOES_ON = auto()
     ODD = auto()  # ignored, unless the next samples agree with each other
@@ -40,18 +43,20 @@ class _Heard(NamedTuple):
 
 
 class BootDetector:
-    """Assigns samples to boots and unwraps their ticks, for devices that send no boot number.
+    """Assigns samples to boots and unwraps their tick counts, for devices that send no boot number. No I/O.
 
-    Pure: times are arguments.
-    To mistake two boots for one is dangerous: the calibration of the first would continue. To mistake one boot for two
-    costs a calibration. So anything that a clock restarted at power-up could explain is a new boot, once three samples
-    agree.
-    Exception: a boot that lasted under two seconds looks like datagrams overtaking each other. A device whose clock
-    continued while its port was closed is still in the same boot.
+    tick_period_s: seconds per tick; None for a device without a clock. The clock wraps at 2**tick_bits ticks.
+    draw: returns a new boot number.
+    number: current boot number, 0 before the first sample. cause: how the boot was detected.
+    tick: tick of the latest sample, unwrapped since the boot began.
 
-    tick_period_s: seconds per tick, None without a clock. The clock wraps at 2**tick_bits. draw: makes boot numbers.
-    number: the boot number, 0 before the first sample. cause: how the boot was detected.
-    tick: of the latest sample, unwrapped since the boot began.
+    Method: each tick is compared with the tick expected from the elapsed host time. A deviation becomes a new boot once
+    three samples agree, if a clock restarted at power-up could explain it. Without a clock, each opening of the port
+    begins a new boot.
+    If a boot were missed, an old calibration would be applied to a restarted sensor, which is dangerous. A boot
+    detected by mistake only costs a calibration. So the detector prefers a new boot in doubt.
+    If a boot lasted under two seconds, the next one may count as its continuation, because datagrams that overtake each
+    other look the same. A device whose clock continued while its port was closed stays in the same boot.
     """
 
     def __init__(self, tick_period_s: float | None, tick_bits: int = 64, draw: Callable[[], int] = draw_boot) -> None:
@@ -67,18 +72,18 @@ class BootDetector:
         self._opened = self._said = False
 
     def opened(self) -> None:
-        """Note that the port was opened: the next sample may belong to another boot."""
+        """Report that the port was opened: the next sample may belong to another boot."""
         self._opened = True
         self._odd.clear()
 
     def said(self) -> None:
-        """Note that the device reported a boot: the next sample begins it."""
+        """Report that the device announced a boot: the next sample begins it."""
         self._said = True
 
     def observe(self, tick: int, receive_time_ns: int) -> Time:
-        """Classify a sample by its tick as sent and its receive time (ns); update number, cause and tick.
+        """Classify a sample by its tick and receive time; update `number`, `cause` and `tick`.
 
-        A device without a clock may pass any tick.
+        tick: tick count as sent; any value for a device without a clock. receive_time_ns: ns since the Unix epoch.
         """
         if self._said or self.number == 0:
             return self._begin(BootCause.POWER_UP if self._said else BootCause.PORT_OPENED, tick, receive_time_ns)

@@ -1,4 +1,4 @@
-"""Drivers of byte devices: a protocol decoder on top of a transport, each independent of the other."""
+"""Drivers of devices that send bytes: a protocol decoder on top of a transport, each independent of the other."""
 
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -18,34 +18,37 @@ _UNREAD_CHUNKS, _UNREAD_BYTES = 256, 1024  # limits of the undecoded bytes kept:
 
 
 class Decoder(Protocol):
-    """Decoder of one device's protocol: bytes in any chunking in, events out.
+    """Interface of a decoder for one device's protocol: bytes in any chunking in, events out. No I/O and no clock.
 
-    Without I/O or clock; lives as long as the driver.
-    faults: counts data that could not be decoded, by label.
+    One decoder object lives as long as the driver. faults: number of undecodable data, by label.
     """
 
     faults: Tally
 
     def opened(self) -> None:
-        """Note that the port was opened (again): drop unfinished frames; the device may have rebooted."""
+        """Report that the port was opened (again): drop unfinished frames; the device may have rebooted."""
 
     def feed(self, data: bytes, receive_time_ns: int) -> list[Event]:
-        """Return the events that these bytes complete, in order. receive_time_ns: host time of the last byte.
+        """Decode received bytes; return the completed events, in order.
 
-        Also called with no bytes, so that the decoder sees time pass.
+        receive_time_ns: receive time of the last byte, ns since the Unix epoch (`host_time.now_ns`).
+        Also called without bytes, so that the decoder notices that time passes.
         """
 
     def to_send(self) -> bytes:
-        """Return the bytes to send to the device now, b"" if none; each is returned once."""
+        """Return the bytes to send to the device now, which are returned once; b"" if there are none."""
         return b""
 
     def finish(self) -> list[Event]:
-        """Return the events of samples held back until more is known of the device; for the end of the stream."""
+        """End the stream: return the events of samples held back until more was known about the device."""
         return []
 
 
 class StreamOptions(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Options common to devices that send bytes: port, and baud of a serial port (ignored by USB devices)."""
+    """Options of every device that sends bytes: port, and baud rate of a serial port (ignored by USB devices).
+
+    Raises ValueError for an invalid port or baud rate.
+    """
 
     #: where the device is: `/dev/serial/by-id/usb-...`, `tcp://10.0.0.5:8000`, `udp://:8000?from=10.0.0.5`, `ble://...`
     port: str
@@ -57,9 +60,9 @@ class StreamOptions(Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
 
 
 class StreamDriver:
-    """Driver of one device, made of a protocol decoder and a transport, by default that of the options' port.
+    """Driver of one device, composed of a protocol decoder and a transport; by default the transport of the options' port.
 
-    bytes_in, samples_in: numbers of bytes received and samples decoded since the port was opened.
+    bytes_in, samples_in: number of bytes received and of samples decoded since the port was opened.
     """
 
     def __init__(self, options: StreamOptions, decoder: Decoder, transport: Transport | None = None) -> None:
@@ -79,11 +82,9 @@ class StreamDriver:
         self._decoder.opened()
 
     def read(self, timeout_s: float) -> list[Event]:
-        """Send the decoder's pending bytes, then return the events of the bytes that arrived.
+        """Send the decoder's pending bytes, then read; return the events of the received bytes.
 
-        Raises DeviceLost if the device has gone.
-
-        timeout_s: seconds to wait at most for the first byte.
+        timeout_s: longest wait for the first byte, s. Raises DeviceLost if the device is gone.
         """
         if data := self._decoder.to_send():
             self._transport.write(data)
@@ -108,14 +109,14 @@ class StreamDriver:
         return events
 
     def unread(self) -> list[Chunk]:
-        """Return the latest chunks since the last event: bytes that the decoder cannot decode.
+        """Return the latest received chunks since the last event, which the decoder could not decode.
 
-        For the reading thread only.
+        At most 256 chunks are kept, with the last 1024 bytes of each. Call it in the reading thread only.
         """
         return list(self._unread)
 
     def close(self) -> None:
-        """Close the driver's transport; this ends a read in another thread."""
+        """Close the transport; this ends a `read` in another thread."""
         self._transport.close()
 
 
@@ -128,10 +129,11 @@ def stream_kind(
     auto: bool = True,
     variants: Callable[[], Sequence[dict[str, Any]]] = lambda: ({},),
 ) -> DriverKind:
-    """Build the DriverKind of a driver that puts a decoder on a transport; name, summary and options are its fields.
+    """Build the DriverKind of a driver that combines a decoder and a transport.
 
-    decoder: makes the decoder from the options. auto: `bridge scan` tries the decoder on unknown bytes, once per option
-    table in `variants` ({} for none).
+    name, summary, options, variants: as in DriverKind. decoder: creates the decoder from the options.
+    auto: True lets `bridge scan` try the decoder on unknown bytes, once per option table in `variants` ({} for no
+    options).
     """
     return DriverKind(
         name=name,

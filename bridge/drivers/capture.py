@@ -1,4 +1,4 @@
-"""Decodes a capture of a device's bytes, or a text log, into the columns of a recording."""
+"""Decodes a capture of a device's bytes, or a text log, to a recording."""
 
 from pathlib import Path
 
@@ -26,10 +26,11 @@ _NS_A_BYTE, _ROUNDS, _SETTLED_NS = 100_000, 8, 1_000_000_000_000
 
 
 def load_capture(path: Path, driver: str, profile: str, reading: Reading) -> Recording:
-    """Decode a capture (file of a device's raw bytes) by a driver, or by a text profile, into a recording of one boot.
+    """Decode a capture (file of a device's raw bytes) to a recording of one boot, by a driver or by a text profile.
 
-    driver, profile: names; one is empty. reading: properties missing in the file, such as rate and boot.
-    Raises RecordingError for an unreadable file or one without samples, ConfigError for an unknown driver or profile.
+    driver, profile: names, of which one is "". reading: properties missing in the file, such as sample rate and boot.
+    Raises RecordingError if the file is unreadable, too large, without samples, or lacks a sample rate.
+    Raises ConfigError for an unknown driver or profile.
     """
     check_file(path)
     if path.stat().st_size > MAX_BYTES:

@@ -1,6 +1,6 @@
-"""The driver contract: a driver turns a device's data into events, over any transport.
+"""Driver interface: a driver converts a device's data to events, over any transport.
 
-A driver opens its device, reads it and closes it. The bus, clocks and gaps are the business of `bridge.ingest.intake`.
+A driver opens its device, reads it and closes it. `bridge.ingest.intake` handles clocks and gaps; drivers know no bus.
 """
 
 from collections.abc import Callable, Sequence
@@ -18,10 +18,11 @@ from bridge.wire.refusal import Tally
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """Identity of a device: boot, model, rate, range. A driver sends it at each boot, and may repeat it at any time.
+    """Identity of a device: boot number, model, sample rate, measuring range. Sent at each boot, and repeated at any time.
 
     rate_hz: nominal sample rate. gyro_range: full-scale range in rad/s, 0 if unknown. tick_period_s: seconds per tick.
     tick_bits, sequence_bits: widths of the device's tick counter and sequence number, for unwrapping.
+    has_accel, has_temperature: True if the device sends these readings.
     has_clock: False for a device without a clock. Its ticks then count samples, rate_hz is only nominal, and the intake
     derives the sample times.
     """
@@ -42,12 +43,13 @@ class Identity:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Readings:
-    """Readings: n consecutive samples as the device sent them, not yet validated.
+    """Readings: n consecutive samples as the device sent them, not yet validated. Vectors are in the sensor frame.
 
-    gyro (n, 3) in rad/s, accel (n, 3) in m/s², temperature_c (n,) in °C.
-    ticks (n,) and sequence (of the first sample) are as sent; they wrap at the widths in Identity.
-    clipped (n,): samples that the device itself reports as beyond its range; None if it reports none.
-    receive_time_ns is from `host_time.now_ns`, a clock that is never set.
+    boot: boot number. gyro (n, 3): rad/s. accel (n, 3): m/s², or None. temperature_c (n,): °C, or None.
+    ticks (n,): device time in ticks of Identity.tick_period_s. sequence: sequence number of the first sample. Both are
+    as sent and wrap at the widths in Identity.
+    clipped (n,): True for samples that the device itself reports as beyond its range; None if it reports none.
+    receive_time_ns: ns since the Unix epoch by `host_time.now_ns`, which continues evenly when the host's clock is set.
     """
 
     boot: int
@@ -62,7 +64,7 @@ class Readings:
 
 @dataclass(frozen=True, slots=True)
 class Battery:
-    """Charge of a device's battery, 0 to 100 %, and whether it charges."""
+    """State of a device's battery: charge, 0 to 100 %, and True if it is charging."""
 
     percent: float
     charging: bool = False
@@ -70,9 +72,9 @@ class Battery:
 
 @dataclass(frozen=True, slots=True)
 class Notice:
-    """Message about a device for people: the device's own words, or a setting that disturbs the measurement.
+    """Message about a device for the user: the device's own words, or a setting that disturbs the measurement.
 
-    A later notice of the same name replaces this notice; said=None withdraws it.
+    A later notice replaces an earlier notice of the same name; said=None withdraws it.
     """
 
     name: str
@@ -85,8 +87,8 @@ Event = Identity | Readings | Battery | Notice | DeviceCalibration
 class Driver(Protocol):
     """Interface of a driver, which opens, reads and closes one device.
 
-    faults: counts the data the driver could not decode, by label, over the driver's life.
-    place: where the device is, for people: a port or a file.
+    faults: number of undecodable data by label, since the driver was created.
+    place: location of the device for the user: a port or a file.
     """
 
     faults: Tally
@@ -96,26 +98,26 @@ class Driver(Protocol):
         """Open the device. Raises DeviceUnavailable if it cannot be opened now; the caller may try again."""
 
     def read(self, timeout_s: float) -> list[Event]:
-        """Return the events that arrived, waiting at most timeout_s for the first; [] if none. Called from one thread.
+        """Return the events that arrived, [] if none; waits at most timeout_s seconds for the first.
 
-        Raises DeviceLost if the device has gone.
+        Called from one thread only. Raises DeviceLost if the device is gone.
         """
 
     def close(self) -> None:
-        """Close the device; never raises, and may be repeated. Another thread may call close to end a read."""
+        """Close the device; never raises, and may be repeated. A call from another thread ends a `read`."""
 
 
 @dataclass(frozen=True, slots=True)
 class DriverKind:
-    """A kind of driver, under its name in the configuration: how to make one, and its options.
+    """Kind of driver, by its name in the configuration: how to create a driver, and which options it has.
 
-    summary: one line for people.
-    options: the Struct of the settings besides `id` and `driver`; `make` and `state` take an instance.
-    state: says in a few words whether the device could be opened now, without opening the device.
-    decoder: makes the protocol's decoder, from options or from None. A kind without a decoder is left out when `bridge
-    scan` identifies unknown bytes.
-    variants: option tables, besides port and baud, to try on unknown bytes whose protocol alone does not decide; the
-    decoder then gets those options.
+    summary: one line for the user.
+    options: type of the settings besides `id` and `driver`; `make` and `state` take an instance.
+    make: creates the driver. state: returns in a few words if the device could be opened now, without opening it.
+    decoder: creates the protocol's decoder, from options or from None. Without a decoder, `bridge scan` does not use
+    this kind to identify unknown bytes.
+    variants: option tables, without port and baud, to try on unknown bytes of protocols that need options to be
+    decoded.
     """
 
     name: str

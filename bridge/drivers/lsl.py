@@ -1,7 +1,7 @@
-"""Driver for any IMU stream of the Lab Streaming Layer (LSL). pylsl (the extra `lsl`) receives it.
+"""Driver for any IMU stream of the Lab Streaming Layer (LSL), received by the package pylsl (extra `lsl`).
 
-A stream that is lost is an unplugged device; the driver looks for it again. LSL gives each outlet an id (uid) when its
-program opens it: another uid is another boot.
+A lost stream is treated as an unplugged device; the driver looks for it again. LSL gives each outlet a new id (uid)
+when its program opens it. A different uid counts as a new boot.
 """
 
 import importlib.util
@@ -35,12 +35,15 @@ _STEPS, _UNEVEN = 500, 0.1
 
 
 def available() -> bool:
-    """Return whether pylsl, the package that receives LSL streams, is installed."""
+    """Return True if pylsl, the package that receives LSL streams, is installed."""
     return importlib.util.find_spec("pylsl") is not None
 
 
 class LslOptions(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Options of a Lab Streaming Layer stream: how to find it, and the units and channels its metadata leave out."""
+    """Options of a Lab Streaming Layer stream: how to find it, and the units and channels that its metadata omit.
+
+    Raises ValueError for an invalid option, or if pylsl is not installed.
+    """
 
     #: name of the stream, for example `Shimmer 5F2A`; at least one of name, type and source_id is needed
     name: str = ""
@@ -80,13 +83,13 @@ class LslOptions(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
     @property
     def chosen(self) -> dict[str, str]:
-        """Properties that choose the stream: name, type and source_id, those that are given."""
+        """Properties that select the stream: those of name, type and source_id that are given."""
         given = {"name": self.name, "type": self.type, "source_id": self.source_id}
         return {label: text for label, text in given.items() if text}
 
 
 class LslDriver:
-    """Driver of one Lab Streaming Layer stream that carries a gyro; see Driver."""
+    """Driver of one Lab Streaming Layer stream that carries a gyro: looks for the stream, subscribes and reads; see Driver."""
 
     def __init__(self, options: LslOptions) -> None:
         self.faults = Tally()
@@ -103,7 +106,10 @@ class LslDriver:
         self._uneven = False
 
     def open(self) -> None:
-        """Find the stream, read its metadata and subscribe. Raises DeviceUnavailable, also if several streams match."""
+        """Find the stream, read its metadata and subscribe.
+
+        Raises DeviceUnavailable if no stream or several streams match, or if the stream lacks gyro channels or a unit.
+        """
         self._closed.clear()
         lsl = _pylsl(self.place)
         found = _resolved(lsl, self._options)
@@ -155,9 +161,9 @@ class LslDriver:
         self._steps, self._last_s, self._uneven = [], 0.0, False
 
     def read(self, timeout_s: float) -> list[Event]:
-        """Return the events of the samples that arrived, waiting at most timeout_s for the first.
+        """Return the events of the samples that arrived; waits at most timeout_s seconds for the first.
 
-        Raises DeviceLost if the stream has ended.
+        Raises DeviceLost if the stream has ended or the driver is closed.
         """
         inlet, channels = self._inlet, self._channels
         if inlet is None or channels is None or self._closed.is_set():
@@ -196,7 +202,7 @@ class LslDriver:
         return [Notice("stamps", Code.LSL_UNEVEN() if self._uneven else None)]
 
     def close(self) -> None:
-        """Unsubscribe from the stream; a read in another thread ends within its timeout."""
+        """Unsubscribe from the stream; a `read` in another thread ends within its timeout."""
         self._closed.set()
         self._inlet = None
 

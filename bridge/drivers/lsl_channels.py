@@ -1,4 +1,4 @@
-"""Finds the gyro's, the accelerometer's and the thermometer's channels in an LSL stream's metadata."""
+"""Finds the channels of gyro, accelerometer and thermometer in the metadata of a Lab Streaming Layer (LSL) stream."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
@@ -17,11 +17,11 @@ Row = NDArray[np.floating]
 
 
 class NoChannels(LookupError):
-    """An LSL stream lacks the needed channels; the message has the missing labels, or `gyro`."""
+    """Error: an LSL stream lacks the needed channels. The message contains the missing labels, or `gyro`."""
 
 
 class NoUnit(LookupError):
-    """The unit of LSL channels is missing or unknown. option: the driver option that gives it."""
+    """Error: the unit of LSL channels is missing or unknown. option: the driver option that can state the unit."""
 
     def __init__(self, channels: str, unit: str, option: str) -> None:
         super().__init__(channels)
@@ -29,19 +29,19 @@ class NoUnit(LookupError):
 
 
 class Triple(NamedTuple):
-    """Indices of a sensor's x, y, z channels, and the factor from their numbers to rad/s or m/s²."""
+    """Channel indices of a sensor's x, y and z axes (`at`), and the factor from channel values to rad/s or m/s²."""
 
     at: tuple[int, int, int]
     factor: float
 
     def vector(self, row: Row) -> Vector:
-        """Return the sensor's vector (x, y, z) of one sample, in rad/s or m/s². row: all channels of the sample."""
+        """Return the sensor's vector (x, y, z) of one sample, in rad/s or m/s². row: values of all channels of the sample."""
         x, y, z = self.at
         return float(row[x]) * self.factor, float(row[y]) * self.factor, float(row[z]) * self.factor
 
 
 class Channels(NamedTuple):
-    """Channels of an LSL stream that make a reading: gyro, accelerometer and the index of the temperature in °C.
+    """Channels of an LSL stream to read: gyro, accelerometer, and the index of the temperature channel (°C).
 
     accel, temperature: None if the stream has none.
     """
@@ -61,10 +61,11 @@ class _Channel(NamedTuple):
 def find(
     about: "pylsl.StreamInfo", gyro: Sequence[str], accel: Sequence[str], gyro_unit: str, accel_unit: str
 ) -> Channels:
-    """Find the gyro, accelerometer and temperature channels in a stream's metadata. Raises NoChannels, NoUnit.
+    """Find the gyro, accelerometer and temperature channels in a stream's metadata.
 
     gyro, accel: labels of the x, y, z channels; if empty, channels are found by label, type and unit.
-    gyro_unit, accel_unit: used instead of the stated unit, unless empty.
+    gyro_unit, accel_unit: replace the unit in the metadata, unless "".
+    Raises NoChannels if gyro channels or given labels are missing, and NoUnit if a unit is missing or unknown.
     """
     channels = _channels(about)
     rates = _axes(channels, "gyro", gyro)

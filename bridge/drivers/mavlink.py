@@ -1,10 +1,10 @@
-"""Driver for flight controllers and other devices that speak MAVLink.
+"""Driver for flight controllers and other devices that send MAVLink messages.
 
-pymavlink (the extra `mavlink`) does all parsing and checking.
-Messages read are HIGHRES_IMU, SCALED_IMU and RAW_IMU, the best that a device sends
-(https://mavlink.io/en/messages/common.html). RAW_IMU is "without any scaling": its units are unknown except for
-ArduPilot, which uses SCALED_IMU's. Only the first sensor is read. The battery is the first of BATTERY_STATUS, else that of
-SYS_STATUS.
+The package pymavlink (extra `mavlink`) parses and checks all messages.
+The driver reads the best of the messages HIGHRES_IMU, SCALED_IMU and RAW_IMU that a device sends
+(https://mavlink.io/en/messages/common.html). RAW_IMU is specified "without any scaling", so its units are known only
+for ArduPilot, which uses those of SCALED_IMU. Only the first inertial sensor is read. The state of the battery comes
+from the first battery in BATTERY_STATUS, else from SYS_STATUS.
 """
 
 import importlib.util
@@ -30,14 +30,15 @@ _MAX_SYSTEMS: Final = 8  # named in a notice
 
 
 def available() -> bool:
-    """Return whether pymavlink, the package that decodes MAVLink, is installed."""
+    """Return True if pymavlink, the package that decodes MAVLink, is installed."""
     return importlib.util.find_spec("pymavlink") is not None
 
 
 class MavlinkOptions(StreamOptions, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Options of a MAVLink device.
 
-    system: id of the system to read where one port carries several; 0 takes the first that sends inertial messages.
+    system: id of the system to read if one port carries several; 0 takes the first that sends inertial messages.
+    Raises ValueError for an invalid option, or if pymavlink is not installed.
     """
 
     #: id of the system to read, 1 to 255, where one port carries several; 0 takes the first that sends inertial messages
@@ -52,10 +53,9 @@ class MavlinkOptions(StreamOptions, frozen=True, forbid_unknown_fields=True, kw_
 
 
 class MavlinkDecoder(Decoder):
-    """Decoder of one MAVLink system's inertial messages. A boot is detected by a clock that went back.
+    """Decoder of one MAVLink system's inertial messages. A device clock that goes back indicates a new boot.
 
-    system: id of the system, 1 to 255; 0 takes the first that sends. Then the system is fixed, so that another device
-    on the line cannot be mistaken for this one.
+    system: id of the system, 1 to 255; 0 takes the first that sends inertial messages, and no other system afterwards.
     """
 
     def __init__(self, system: int = 0) -> None:
@@ -78,12 +78,15 @@ class MavlinkDecoder(Decoder):
         self._parser = self._new_parser()
 
     def opened(self) -> None:
-        """Reset the parser for a newly opened port; it keeps reading the same MAVLink system id."""
+        """Reset the parser for a newly opened port. The MAVLink system to read stays the same."""
         self._parser = self._new_parser()
         self._assembly.opened()
 
     def feed(self, data: bytes, receive_time_ns: int) -> list[Event]:
-        """Return the events that these bytes complete, in order. receive_time_ns: host time of the last byte."""
+        """Decode received bytes; return the completed events, in order.
+
+        receive_time_ns: receive time of the last byte, ns since the Unix epoch (`host_time.now_ns`).
+        """
         parser = self._parser
         for message in parser.parse_buffer(data) or ():
             self._take(message, receive_time_ns)
@@ -96,7 +99,7 @@ class MavlinkDecoder(Decoder):
         return events and [*self._notices(), *events]
 
     def finish(self) -> list[Event]:
-        """Return the events of the samples still held, at the end of the stream."""
+        """End the stream: return the events of samples that the decoder still holds back."""
         events = self._assembly.finish()
         return events and [*self._notices(), *events]
 

@@ -1,7 +1,7 @@
 """Driver for Movella (Xsens) DOT sensors, over Bluetooth Low Energy.
 
-The sensor measures only on command: the driver sets its output rate, starts the measurement with a payload that has
-rates, and starts it again after a silence. Source: Movella DOT BLE Service Specification, XD0506P.
+The sensor measures only on command. The driver sets the output data rate, starts the measurement with a payload that
+contains angular rates, and starts it again after a silence. Source: Movella DOT BLE Service Specification, XD0506P.
 """
 
 import struct
@@ -36,9 +36,10 @@ _CODEC = Codec(gatt_values.encode, gatt_values.decode)
 
 
 class Payload(NamedTuple):
-    """A DOT payload that carries rates: measurement mode and BLE characteristic.
+    """Data format of a DOT sensor that contains angular rates: measurement mode and BLE characteristic.
 
-    gyro, accel: byte offsets of rate (3 float32, °/s) and acceleration (3 float32, m/s²); None if it carries none.
+    gyro, accel: byte offsets of the angular rate (3 float32, °/s) and of the acceleration (3 float32, m/s²); accel is
+    None if the payload has none.
     """
 
     mode: int
@@ -62,7 +63,10 @@ _NOT_READ: Final = {
 
 
 class MovellaDotOptions(StreamOptions, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Options of a Movella DOT sensor: Bluetooth address, output data rate and payload."""
+    """Options of a Movella DOT sensor: Bluetooth address, output data rate in Hz, and payload.
+
+    Raises ValueError for an invalid option.
+    """
 
     #: Bluetooth address of the sensor, for example `ble://D4:22:CD:00:12:34`
     port: str
@@ -88,9 +92,10 @@ class MovellaDotOptions(StreamOptions, frozen=True, forbid_unknown_fields=True, 
 
 
 class MovellaDotDecoder:
-    """Decoder of a Movella DOT's values, in frames of `bridge.framing.gatt_values`.
+    """Decoder of a Movella DOT's values, which arrive in frames of `bridge.framing.gatt_values`.
 
-    The decoder also sets the rate and starts the measurement; without options, and on a file, it only listens.
+    The decoder also sends the commands that set the output data rate and start the measurement. Without options, and
+    for a file, it sends nothing.
     """
 
     def __init__(self, options: MovellaDotOptions | None = None) -> None:
@@ -104,16 +109,17 @@ class MovellaDotDecoder:
         self.opened()
 
     def opened(self) -> None:
-        """Reset for a newly opened connection, and send the commands that start the measurement."""
+        """Reset for a newly opened connection, and queue the commands that start the measurement."""
         self._values = GattValues(self.faults)
         self._assembly.opened()
         self._heard_ns = 0
         self._begin()
 
     def feed(self, data: bytes, receive_time_ns: int) -> list[Event]:
-        """Return the events that these bytes complete, in order. receive_time_ns: host time of the last byte.
+        """Decode received bytes; return the completed events, in order.
 
-        After 3 s of silence the measurement is started again.
+        receive_time_ns: receive time of the last byte, ns since the Unix epoch (`host_time.now_ns`).
+        After 3 s without samples, the commands that start the measurement are queued again.
         """
         events: list[Event] = []
         for characteristic, value in self._values.feed(data):
@@ -125,11 +131,11 @@ class MovellaDotDecoder:
         return events + self._assembly.events()
 
     def finish(self) -> list[Event]:
-        """Return the events of the samples still held, at the end of the stream."""
+        """End the stream: return the events of samples that the decoder still holds back."""
         return self._assembly.finish()
 
     def to_send(self) -> bytes:
-        """Return the next command to the sensor; b"" if none."""
+        """Return the bytes of the next command to the device, which are returned once; b"" if there is none."""
         return self._requests.command()
 
     def _begin(self) -> None:

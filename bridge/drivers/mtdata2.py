@@ -1,4 +1,4 @@
-"""Driver for Xsens (Movella) motion trackers that send MTData2: MTi 1-, 10-, 100- and 600-series."""
+"""Driver for Xsens (Movella) motion trackers that send MTData2 messages: MTi 1-, 10-, 100- and 600-series."""
 
 from math import radians
 
@@ -26,9 +26,9 @@ _NO_RATE = 50  # messages
 class MtData2Options(StreamOptions, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Options of an Xsens motion tracker.
 
-    ask: query the identity, for which the device stops measuring for a moment.
-    rate_hz: output data rate to set, which the device keeps; 0 leaves the output as it is.
-    gyro_range_dps: full-scale range in °/s, if known.
+    ask: True queries model and firmware; the device stops measuring for a moment.
+    rate_hz: output data rate to set, which the device stores; 0 leaves the device's output as it is.
+    gyro_range_dps: full-scale range in °/s; 0 if unknown. Raises ValueError for an invalid option.
     """
 
     #: whether to query the device's model and firmware; the device stops measuring for a moment
@@ -52,9 +52,9 @@ class MtData2Options(StreamOptions, frozen=True, forbid_unknown_fields=True, kw_
 
 
 class MtData2Decoder:
-    """Decoder of MTData2, the messages of Xsens motion trackers; without options it only listens.
+    """Decoder of MTData2, the messages of Xsens motion trackers. Without options it sends nothing to the device.
 
-    Samples are dropped and counted until it is clear whether the device sends its time.
+    Samples are dropped and counted until the decoder knows if the device sends its time.
     """
 
     def __init__(self, options: MtData2Options | None = None) -> None:
@@ -81,7 +81,10 @@ class MtData2Decoder:
             self._settings.begin()
 
     def feed(self, data: bytes, receive_time_ns: int) -> list[Event]:
-        """Return the events that these bytes complete, in order. receive_time_ns: host time of the last byte."""
+        """Decode received bytes; return the completed events, in order.
+
+        receive_time_ns: receive time of the last byte, ns since the Unix epoch (`host_time.now_ns`).
+        """
         events: list[Event] = []
         for message in self._messages.feed(data):
             events += self._took(message, receive_time_ns)
@@ -89,11 +92,11 @@ class MtData2Decoder:
         return events + self._assembly.events()
 
     def finish(self) -> list[Event]:
-        """Return the events of the samples still held, at the end of the stream."""
+        """End the stream: return the events of samples that the decoder still holds back."""
         return self._assembly.finish()
 
     def to_send(self) -> bytes:
-        """Return the next command to the device; b"" if none."""
+        """Return the bytes of the next command to the device, which are returned once; b"" if there is none."""
         return self._settings.command()
 
     def _took(self, message: Message, receive_time_ns: int) -> list[Notice]:

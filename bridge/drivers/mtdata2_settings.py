@@ -1,6 +1,7 @@
-"""Queries and settings of an Xsens motion tracker. Pure: time is an argument.
+"""Queries and settings of an Xsens motion tracker. No I/O; time is an argument.
 
-Queries need the config state, which is entered first and left afterwards. The device keeps its settings without power.
+Queries need the device's config state, which is entered first and left afterwards. The device stores its settings
+permanently.
 """
 
 from bridge.drivers.driver import Notice
@@ -16,10 +17,10 @@ _WARMTH_HZ = 10
 
 
 class Settings(RequestQueue):
-    """Queries and settings of one Xsens motion tracker, and how far they have come.
+    """Queries and settings of one Xsens motion tracker, and their progress.
 
-    rate_hz: output data rate to set, 0 to leave it.
-    model, firmware: empty until answered. sends_hz: reported output data rate, Hz; 0 until answered.
+    rate_hz: output data rate to set, Hz; 0 leaves it. model, firmware: "" until the device answers.
+    sends_hz: output data rate that the device reports, Hz; 0 until it answers.
     """
 
     def __init__(self, rate_hz: float) -> None:
@@ -34,7 +35,7 @@ class Settings(RequestQueue):
         return self._given_up or self.key is None
 
     def begin(self, *, woken: bool = False) -> None:
-        """Restart all queries and settings: the device was opened, or reported a boot (woken)."""
+        """Restart all queries and settings, because the device was opened or (woken=True) reported a boot."""
         self._given_up = False
         self.clear()
         if woken:
@@ -46,7 +47,7 @@ class Settings(RequestQueue):
         self._back()
 
     def took(self, message: Message) -> list[Notice]:
-        """Handle a message that is not data, such as a query's answer; return a notice if the device refused it."""
+        """Process a message without data, such as the answer to a query; return a notice if the device refused the query."""
         kind = self.key
         if kind is not None and message.kind == mtdata2.ERROR:
             return self._failed(Code.REQUEST_REFUSED, error=message.data.hex())
@@ -65,7 +66,7 @@ class Settings(RequestQueue):
         return []
 
     def measures(self) -> None:
-        """Note that the device sent data: after giving up, no more commands are sent."""
+        """Report that the device sent data: if a query was given up, no more commands are sent."""
         if self._given_up:
             self.clear()
 

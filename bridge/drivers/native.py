@@ -1,4 +1,4 @@
-"""Driver for devices that speak truerate's own serial protocol (`bridge.framing.packets`)."""
+"""Driver for devices that use truerate's own serial protocol (`bridge.framing.packets`)."""
 
 from collections import deque
 
@@ -15,7 +15,7 @@ _ASK_AGAIN = 16  # packets
 
 
 class NativeOptions(StreamOptions, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Options of a device that speaks truerate's native protocol."""
+    """Options of a device that uses truerate's own serial protocol. Raises ValueError for an invalid output data rate."""
 
     #: output data rate to set in the device, Hz, 0.1 to 100000, for example 104; 0 leaves the device's rate unchanged
     rate_hz: float = 0.0
@@ -27,10 +27,11 @@ class NativeOptions(StreamOptions, frozen=True, forbid_unknown_fields=True, kw_o
 
 
 class NativeDecoder:
-    """Decoder of the native protocol; sends an identify request for an unknown boot, and the configured rate.
+    """Decoder of truerate's own serial protocol. It requests the identity of an unknown boot and sets the output data rate.
 
-    Readings come out only after the identity of their boot. Packets of an unknown boot are held while the device is
-    asked. Samples that cannot be held, or belong to yet another boot, are counted in `faults`.
+    rate_hz: output data rate to set, Hz; 0 leaves the device's rate.
+    Readings follow the identity of their boot. Packets of an unknown boot are held while the device is queried. Samples
+    that are lost because the queue is full, or that belong to yet another boot, are counted in `faults`.
     """
 
     def __init__(self, rate_hz: float = 0.0) -> None:
@@ -40,7 +41,7 @@ class NativeDecoder:
         self.opened()
 
     def opened(self) -> None:
-        """Reset for a newly opened port, and request the identity."""
+        """Reset for a newly opened port, and request the device's identity."""
         self._ask = True
         self._deframer = Deframer()
         self._deframer.faults = self.faults
@@ -50,13 +51,16 @@ class NativeDecoder:
         self._tell = False  # the rate is to be sent
 
     def finish(self) -> list[Event]:
-        """Count the held packets as lost, because no identity can follow; return []."""
+        """End the stream: count the held packets as lost, because their identity can no longer arrive; return []."""
         held, self._held = self._held, deque()
         self._forget(sum(len(data.ticks) for data, _ in held))
         return []
 
     def feed(self, data: bytes, receive_time_ns: int) -> list[Event]:
-        """Return the events that these bytes complete, in order. receive_time_ns: host time of the last byte."""
+        """Decode received bytes; return the completed events, in order.
+
+        receive_time_ns: receive time of the last byte, ns since the Unix epoch (`host_time.now_ns`).
+        """
         events: list[Event] = []
         for payload in self._deframer.feed(data):
             try:
@@ -75,7 +79,10 @@ class NativeDecoder:
         return events
 
     def to_send(self) -> bytes:
-        """Return the identify request and the rate command, if needed now, else b""; each is returned once."""
+        """Return the identity request and the command that sets the output data rate, if they are due; else b"".
+
+        Each command is returned once.
+        """
         ask, self._ask = self._ask, False
         tell, self._tell = self._tell, False
         return (ASK if ask else b"") + (frame(packets.encode_rate(self._wanted_hz)) if tell else b"")

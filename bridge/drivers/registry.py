@@ -1,4 +1,4 @@
-"""Registry of drivers by name: built-in drivers, and entry points of the group `truerate.drivers`."""
+"""Registry of drivers by name: built-in drivers, and those of other packages (entry points `truerate.drivers`)."""
 
 import functools
 import logging
@@ -42,7 +42,7 @@ _KINDS = _Kinds()
 
 
 def kinds() -> Mapping[str, DriverKind]:
-    """Return all drivers by name, built-in drivers first."""
+    """Return all drivers by name, built-in drivers first. A built-in driver is imported at its first use."""
     return _KINDS
 
 
@@ -55,7 +55,7 @@ def _ours(name: str) -> DriverKind:
 def foreign() -> dict[str, DriverKind]:
     """Return the drivers that other packages register, by name.
 
-    A driver that cannot be loaded, or whose name is taken, is left out with a warning.
+    A driver is left out, with a warning in the log, if it cannot be loaded or its name is already taken.
     """
     from importlib.metadata import entry_points  # noqa: PLC0415 - slow, and not needed for built-in drivers
 

@@ -1,6 +1,6 @@
-"""Driver that plays a recording as a device, without a port, at `speed` times its own pace.
+"""Driver that plays a recording as if its device were connected, at `speed` times the recorded pace.
 
-From a ward's recording (.mcap) each driver plays one device. Devices opened together keep their relative timing.
+Each driver plays one device of a ward's recording (.mcap). Devices that are opened together keep their relative timing.
 """
 
 import functools
@@ -38,11 +38,11 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReplaySegment:
-    """Replay segment: n samples of one boot to replay, with the device's identity.
+    """Segment of a recording to replay: n samples of one boot, with the device's identity. Vectors are in the sensor frame.
 
-    due_s (n,): seconds since the playback began at which each sample is played, never falling. The other columns are as
-    in
-    driver.Readings: gyro (n, 3) rad/s, accel (n, 3) m/s², temperature_c (n,) °C.
+    due_s (n,): time at which each sample is played, s since the start of the playback, never falling.
+    sequence (n,): sequence numbers. ticks (n,): device time in ticks. gyro (n, 3): rad/s. accel (n, 3): m/s², or None.
+    temperature_c (n,): °C, or None.
     """
 
     identity: Identity
@@ -58,9 +58,9 @@ class ReplaySegment:
 
     @classmethod
     def of_recording(cls, recording: Recording, boot: int, gyro_range: float = 0.0) -> Self:
-        """Build the segment of a recording that has no boots: its boot begins as the recording is opened.
+        """Build the segment of a recording without boot numbers: all samples belong to one boot.
 
-        boot: boot number to use. gyro_range: full scale in rad/s; 0 takes the recording's.
+        boot: boot number to use. gyro_range: full-scale range in rad/s; 0 uses the recording's.
         """
         identity = Identity(
             boot=boot,
@@ -80,11 +80,11 @@ class ReplaySegment:
 
     @classmethod
     def of_stretch(cls, stretch: Stretch, begin_ns: int, salt: int, gyro_range: float = 0.0) -> Self:
-        """Build the segment of one boot (stretch) of a ward's recording.
+        """Build the segment of one boot (stretch) in a ward's recording.
 
-        begin_ns: host time at which the recording began, ns. salt: makes the boot number differ in every playback;
-        otherwise subscribers would take the samples for repeats. gyro_range: full scale in rad/s; 0 takes the recorded
-        one.
+        begin_ns: time at which the recording began, ns since the Unix epoch. salt: number that makes boot numbers
+        differ between playbacks; otherwise subscribers would discard the samples as repeats.
+        gyro_range: full-scale range in rad/s; 0 uses the recorded one.
         """
         info = stretch.info
         identity = Identity(
@@ -107,9 +107,10 @@ class ReplaySegment:
 
 
 class ReplayedOptions(Reading, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Options of a replay: file, speed, gyro range, and properties missing in the file, as in recording.Reading.
+    """Options of a replay: file, speed, full-scale range, and properties that the file lacks, as in recording.Reading.
 
-    recorded_device: the device of a .mcap to play, if there are several.
+    speed: multiple of the recorded pace. gyro_range_dps: full-scale range in °/s; 0 if unknown.
+    recorded_device: id of the device to play if a .mcap holds several. Raises ValueError for an invalid option.
     """
 
     #: recording to play: `.npz`, `.mcap` or text such as `.csv`, for example `walk.npz`
@@ -135,7 +136,7 @@ class ReplayedOptions(Reading, frozen=True, forbid_unknown_fields=True, kw_only=
 
 
 class Playback:
-    """Hands out the samples of replay segments when they are due. Pure: host seconds since the start are an argument.
+    """Schedule of a replay: returns the samples of replay segments when they are due. No I/O; time is an argument.
 
     speed: multiple of the recorded pace.
     """
@@ -152,19 +153,19 @@ class Playback:
         return self._at >= len(self._takes)
 
     def wait_s(self, elapsed_s: float) -> float:
-        """Return the host seconds until the next sample is due; 0 if a sample is due, or at the end.
+        """Return the seconds of host time until the next sample is due; 0 if a sample is due now, or at the end.
 
-        elapsed_s: host seconds since the start.
+        elapsed_s: host time since the start of the playback, s.
         """
         if self.over:
             return 0.0
         return max(0.0, float(self._takes[self._at].due_s[self._next]) / self._speed - elapsed_s)
 
     def due(self, elapsed_s: float, receive_time_ns: int) -> list[Event]:
-        """Return the events of one boot due by elapsed_s: runs of consecutive samples, the first after the identity.
+        """Return the events of one boot that are due: runs of consecutive samples, preceded by the identity at the boot's start.
 
-        Empty if none is due. elapsed_s: host seconds since the start. receive_time_ns: receive time to give to the
-        readings.
+        Returns [] if no sample is due. elapsed_s: host time since the start of the playback, s.
+        receive_time_ns: receive time to give to the readings, ns since the Unix epoch.
         """
         if self.over or self.wait_s(elapsed_s):
             return []
@@ -193,7 +194,7 @@ def _run(take: ReplaySegment, part: slice, receive_time_ns: int) -> Readings:
 
 
 def devices(path: Path) -> list[str]:
-    """Return the device ids in a ward's recording (.mcap). Raises RecordingError if it cannot be played."""
+    """Return the device ids in a ward's recording (.mcap). Raises RecordingError if it is unreadable or has no samples."""
     found = list(_recorded(path).stretches)
     if not found:
         raise RecordingError(f"{path}: the recording has no samples")
@@ -236,7 +237,7 @@ def _takes(options: ReplayedOptions) -> list[ReplaySegment]:
 
 
 class ReplayedDriver:
-    """Driver that plays a recording as a device, by the host's clock."""
+    """Driver that plays a recording as if its device were connected, timed by the host's monotonic clock."""
 
     def __init__(self, options: ReplayedOptions) -> None:
         self.faults = Tally()
@@ -247,7 +248,7 @@ class ReplayedDriver:
         self._start_s = 0.0
 
     def open(self) -> None:
-        """Load the recording and start it from its beginning. Raises DeviceUnavailable if it cannot be played."""
+        """Load the recording and play it from its beginning. Raises DeviceUnavailable if it cannot be played."""
         try:
             takes = _takes(self._options)
         except RecordingError as error:
@@ -257,7 +258,10 @@ class ReplayedDriver:
         self._closed.clear()
 
     def read(self, timeout_s: float) -> list[Event]:
-        """Return the events that are due, waiting at most timeout_s for them; raises DeviceLost for good at the end."""
+        """Return the events that are due; waits at most timeout_s seconds for them.
+
+        Raises DeviceLost at the end of the recording (with over=True), and if the driver is closed.
+        """
         playback = self._playback
         if playback is None:
             raise DeviceLost(Code.CLOSED(place=self.place))
@@ -267,7 +271,7 @@ class ReplayedDriver:
         return playback.due(time.monotonic() - self._start_s, host_time.now_ns())
 
     def close(self) -> None:
-        """Stop playing the recording; this ends a read in another thread."""
+        """Stop playing the recording; this ends a `read` in another thread."""
         self._closed.set()
         self._playback = None
 

@@ -1,4 +1,4 @@
-"""Queue of requests to a device: one open at a time, repeated until answered. Pure: time is an argument."""
+"""Queue of requests to a device: one request at a time, repeated until the device answers. No I/O; time is an argument."""
 
 from collections import deque
 from collections.abc import Callable
@@ -13,13 +13,11 @@ class _Request(NamedTuple):
 
 
 class RequestQueue:
-    """Requests to a device, sent one at a time and repeated until answered.
+    """Queue of requests to a device, sent one at a time and repeated until answered.
 
-    again_s: seconds to wait for an answer before sending again.
-    times: sends before a request is given up.
-    give_up: called when the open request was sent `times` times unanswered; it empties the queue or closes the request,
-    and returns what to tell people.
-    spacing_s: minimum seconds between two commands.
+    again_s: seconds to wait for an answer before a request is repeated. times: number of times that a request is sent.
+    give_up: called when a request stays unanswered; it empties the queue or closes the request, and returns notices for
+    the user. spacing_s: shortest time between two commands, s.
     """
 
     def __init__(self, again_s: float, times: int, give_up: Callable[[], list[Notice]], spacing_s: float = 0.0) -> None:
@@ -36,7 +34,7 @@ class RequestQueue:
 
     @property
     def key(self) -> int | str | None:
-        """Key of the open request, waiting for its answer or next to be sent; None if all are answered."""
+        """Key of the current request, which waits for its answer or is sent next; None if all requests are answered."""
         return self._open[0].key if self._open else None
 
     @property
@@ -45,21 +43,24 @@ class RequestQueue:
         return bool(self._commands)
 
     def add(self, key: int | str, *commands: bytes) -> None:
-        """Queue a request of one or more commands under a key, unless a request of the same key already waits."""
+        """Queue a request of one or more commands under a key, unless a request of the same key waits already."""
         if all(request.key != key for request in list(self._open)[1 if self._sent else 0 :]):
             self._open.append(_Request(key, commands))
 
     def tell(self, *commands: bytes) -> None:
-        """Queue commands that the device does not answer."""
+        """Queue commands for which the device sends no answer; they are sent once."""
         self._commands += commands
 
     def answered(self) -> None:
-        """Close the open request, because its answer came; the next one follows."""
+        """Close the current request, because its answer arrived. The next request becomes the current one."""
         self._open.popleft()
         self._sent = 0
 
     def passed(self, now_ns: int) -> list[Notice]:
-        """Let time pass until now_ns (host time): send the next request, repeat the open one, or give it up."""
+        """Advance the time to now_ns, ns since the Unix epoch: send the next request, repeat the current one, or give it up.
+
+        Returns the notices of a request that is given up, else [].
+        """
         self._now_ns = now_ns
         if not self._open or self._commands or (self._sent and 0 <= now_ns - self._asked_ns < self._again_ns):
             return []
@@ -71,7 +72,7 @@ class RequestQueue:
         return []
 
     def command(self) -> bytes:
-        """Return the next command to send; empty if none, or if spacing_s since the last command has not passed."""
+        """Return the bytes of the next command to send; b"" if none waits, or less than spacing_s has passed since the last."""
         if not self._commands or (self._sent_ns and self._now_ns - self._sent_ns < self._spacing_ns):
             return b""
         self._sent_ns = self._now_ns

@@ -1,4 +1,4 @@
-"""Builds identities and readings for a device that numbers neither boots nor samples."""
+"""Builds identities and readings from single samples of a device that numbers neither boots nor samples."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -23,12 +23,14 @@ _LARGEST = 1 << 64
 
 @dataclass(frozen=True, slots=True)
 class DeviceDescription:
-    """Properties of a device that are not in its samples.
+    """Properties of a device that its samples do not contain.
 
-    rate_hz: 0 if to be measured by the device's clock; guessed_rate_hz is used where the device has no clock.
-    gyro_range: full-scale range in rad/s, 0 when unknown.
-    divided_hz: a measured rate close to divided_hz / n (n whole) is reported as exactly that. No two boots measure the
-    same rate, and a stored calibration is looked up by rate.
+    gyro_range: full-scale range in rad/s, 0 if unknown.
+    rate_hz: sample rate; 0 if it is to be measured by the device's clock. guessed_rate_hz: used instead if the device
+    has no clock, or if the stream ends before a rate is measured.
+    divided_hz: base of the device's possible rates divided_hz / n, n whole; 0 if unknown. A measured rate within 1 % of
+    one of them is reported as exactly that rate. Measured rates differ between boots, and stored calibrations are found
+    by rate.
     """
 
     model: str
@@ -54,13 +56,14 @@ class _Sample(NamedTuple):
 
 
 class SampleAssembler:
-    """Turns single samples into identities and readings, for devices that number neither boots nor samples.
+    """Collects single samples into identities and readings, for devices that number neither boots nor samples.
 
-    boot: number of the latest sample's boot, 0 before the first sample.
-    `about` describes the device and may be replaced at any time; the identity is then announced again.
-    tick_period_s: seconds per tick of the device's clock, None without a clock. The clock wraps at 2**tick_bits.
-    With a clock, a missing sample is detected and takes up a sequence number; without a clock it goes unseen.
-    Samples are held until the rate is known. faults: counts dropped samples by label. draw: makes boot numbers.
+    faults: number of dropped samples by label. about: description of the device; it may be replaced at any time, and
+    the identity is then sent again. boot: boot number of the latest sample, 0 before the first.
+    tick_period_s: seconds per tick of the device's clock; None without a clock. The clock wraps at 2**tick_bits ticks.
+    draw: returns a new boot number.
+    With a clock, a missing sample is detected and uses up a sequence number; without a clock it stays undetected.
+    Samples are held until the sample rate is known.
     """
 
     def __init__(
@@ -80,15 +83,18 @@ class SampleAssembler:
         self._begin()
 
     def opened(self) -> None:
-        """Note that the port was opened (again): the next sample may belong to another boot."""
+        """Report that the port was opened (again): the next sample may belong to another boot."""
         self._boots.opened()
 
     def rebooted(self) -> None:
-        """Note that the device reported a boot: the next sample begins it."""
+        """Report that the device announced a boot: the next sample begins it."""
         self._boots.said()
 
     def paced(self, rate_hz: float) -> None:
-        """Set a new sample rate, Hz, which the device uses from the next sample on."""
+        """Set a new sample rate in Hz, which the device uses from the next sample on.
+
+        Ignored while the previous rate is unknown.
+        """
         if self._rate_hz:
             self._flush()
             self._rate_hz = rate_hz
@@ -107,10 +113,12 @@ class SampleAssembler:
     ) -> None:
         """Add one sample as the device sent it; `events` returns it later as part of readings.
 
-        tick: of the device's clock (ignored without a clock). gyro in rad/s, accel in m/s², temperature_c in °C.
-        receive_time_ns: host time of its arrival.
-        missing: samples known to be lost before this sample; 0 for a device with a clock, whose ticks show them.
-        clipped: the device reports this sample as clipped.
+        tick: device time in ticks (ignored without a clock). gyro: (x, y, z), rad/s. accel: (x, y, z), m/s².
+        temperature_c: °C.
+        receive_time_ns: receive time, ns since the Unix epoch.
+        missing: number of samples known to be lost before this one; 0 for a device with a clock, whose ticks show the
+        loss.
+        clipped: True if the device reports this sample as clipped.
         """
         placed = self._boots.observe(tick, receive_time_ns)
         if placed is Time.ODD:
@@ -137,7 +145,7 @@ class SampleAssembler:
         return events
 
     def finish(self) -> list[Event]:
-        """Return the remaining events at the end of a stream; without a measured rate, the guessed one is used."""
+        """End the stream: return the remaining events. If no sample rate was measured, guessed_rate_hz is used."""
         self._finish()
         return self.events()
 

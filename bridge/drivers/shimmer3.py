@@ -1,7 +1,7 @@
-"""Driver for Shimmer3 sensors with LogAndStream firmware, over Bluetooth's serial port (RFCOMM) or Low Energy.
+"""Driver for Shimmer3 sensors with LogAndStream firmware, over Bluetooth's serial port (RFCOMM) or Bluetooth Low Energy.
 
-The device streams only on command: the driver queries the device's channels and calibration, turns the CRC on, starts
-the stream, and starts it again after a silence.
+The device streams only on command. The driver queries the device's channels and calibration, turns the checksum (CRC)
+on, starts the stream, and starts it again after a silence.
 """
 
 from collections.abc import Callable
@@ -36,7 +36,7 @@ Reading = Callable[[bytes], tuple[int, int, int]]
 
 
 class Shimmer3Options(StreamOptions, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Options of a Shimmer3 sensor: port and output data rate."""
+    """Options of a Shimmer3 sensor: port, and output data rate in Hz. Raises ValueError for an invalid option."""
 
     #: `/dev/rfcomm0`, or `ble://address/49535343-1e4d-4bd9-ba61-23c647249616?write=49535343-8841-43f4-a8d4-ecbe34729bb3`
     port: str
@@ -51,9 +51,10 @@ class Shimmer3Options(StreamOptions, frozen=True, forbid_unknown_fields=True, kw
 
 
 class Shimmer3Decoder:
-    """Decoder of a Shimmer3, which it also queries and starts.
+    """Decoder of a Shimmer3 sensor, which also queries the device and starts its stream.
 
-    Without options, and on a file, it only listens: samples are decoded once the answers with their layout have come.
+    Without options, and for a file, it sends nothing. Samples are then decoded once answers that describe their layout
+    have been received.
     """
 
     def __init__(self, options: Shimmer3Options | None = None) -> None:
@@ -71,16 +72,17 @@ class Shimmer3Decoder:
         self.opened()
 
     def opened(self) -> None:
-        """Reset for a newly opened port, and query and start the device again."""
+        """Reset for a newly opened port; queue the queries and the start of the stream again."""
         self._frames.opened()
         self._assembly.opened()
         self._heard_ns = self._battery_ns = 0
         self._begin()
 
     def feed(self, data: bytes, receive_time_ns: int) -> list[Event]:
-        """Return the events that these bytes complete, in order. receive_time_ns: host time of the last byte.
+        """Decode received bytes; return the completed events, in order.
 
-        After 3 s of silence the stream is started again.
+        receive_time_ns: receive time of the last byte, ns since the Unix epoch (`host_time.now_ns`).
+        After 3 s without samples, the commands that start the stream are queued again.
         """
         events: list[Event] = []
         self._frames.awaiting_ack = self._awaits_ack()
@@ -97,11 +99,11 @@ class Shimmer3Decoder:
         return events + self._assembly.events()
 
     def finish(self) -> list[Event]:
-        """Return the events of the samples still held, at the end of the stream."""
+        """End the stream: return the events of samples that the decoder still holds back."""
         return self._assembly.finish()
 
     def to_send(self) -> bytes:
-        """Return the next command to the sensor; b"" if none."""
+        """Return the bytes of the next command to the device, which are returned once; b"" if there is none."""
         return self._requests.command()
 
     def _begin(self) -> None:

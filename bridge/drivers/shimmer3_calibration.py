@@ -1,4 +1,4 @@
-"""The calibration that a Shimmer3 stores of one of its sensors, 21 bytes, and the state of its battery."""
+"""Calibration that a Shimmer3 stores for one of its sensors (21 bytes), and the state of its battery."""
 
 import struct
 from math import radians
@@ -24,9 +24,9 @@ _CHARGING = 0x80
 
 
 class Calibration(NamedTuple):
-    """Calibration of one sensor of a Shimmer3: value = matrix (counts − offset), in rad/s or m/s².
+    """Calibration of one sensor of a Shimmer3: value = matrix · (counts − offset), in rad/s or m/s².
 
-    offset (3,): counts. matrix (3, 3): rows of three, rad/s or m/s² per count.
+    offset (3,): counts. matrix (3, 3): three rows, rad/s or m/s² per count.
     """
 
     offset: Vector
@@ -34,10 +34,12 @@ class Calibration(NamedTuple):
 
     @classmethod
     def stored(cls, block: bytes, *, gyro: bool) -> Self | None:
-        """Decode a stored calibration of 21 bytes; None if there is none, or if it cannot be inverted.
+        """Decode a stored calibration of 21 bytes; None if a sensitivity is not positive, or the alignment nearly singular.
 
-        gyro: of the gyro, in °/s, else of an accelerometer, in m/s².
-        Source: value = R⁻¹ K⁻¹ (counts − b), with sensitivity K in counts for 1 °/s or 1 m/s², and alignment R.
+        gyro: True for the gyro, whose sensitivity is per °/s; False for an accelerometer, whose sensitivity is per
+        m/s².
+        Method: value = R⁻¹ K⁻¹ (counts − b). b (3,) is the offset in counts. K (3, 3) is the diagonal matrix of
+        sensitivities in counts per °/s or m/s². R (3, 3) is the alignment matrix, without unit.
         """
         numbers = _BLOCK.unpack(block)
         gains = np.array(numbers[3:6]) / (_GYRO_SCALE if gyro else 1)
@@ -48,7 +50,7 @@ class Calibration(NamedTuple):
 
     @classmethod
     def nominal(cls, gyro_range: int) -> Self:
-        """Return the data sheet's calibration of the gyro. gyro_range: index into RANGES_DPS."""
+        """Return the gyro's calibration according to its data sheet. gyro_range: index into RANGES_DPS."""
         return cls._of((0, 0, 0), np.full(3, _NOMINAL[gyro_range]), _AXES, radians(1))
 
     @classmethod
@@ -63,14 +65,17 @@ class Calibration(NamedTuple):
         return cls((offset[0], offset[1], offset[2]), (tuple(x), tuple(y), tuple(z)))
 
     def of(self, counts: tuple[int, int, int]) -> Vector:
-        """Return the calibrated vector (x, y, z), rad/s or m/s², of a sample's three counts."""
+        """Return the calibrated vector (x, y, z), in rad/s or m/s², of a sample's three counts."""
         a, b, c = counts[0] - self.offset[0], counts[1] - self.offset[1], counts[2] - self.offset[2]
         (xa, xb, xc), (ya, yb, yc), (za, zb, zc) = self.matrix
         return xa * a + xb * b + xc * c, ya * a + yb * b + yc * c, za * a + zb * b + zc * c
 
 
 def battery(data: bytes) -> Battery:
-    """Return the state of the battery from the answer's three bytes: ADC value of the voltage, state of the charger."""
+    """Decode a battery state from the three bytes of the device's answer: ADC value of the voltage, state of the charger.
+
+    The charge, 0 to 100 %, is the maker's polynomial of the voltage.
+    """
     volts = min(max(int.from_bytes(data[:2], "little") * _ADC_V * _DIVIDER, _EMPTY_V), _FULL_V)
     percent = 0.0
     for factor in _PERCENT:

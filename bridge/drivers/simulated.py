@@ -1,4 +1,4 @@
-"""Driver for a virtual device inside the bridge: the simulator's bytes through the native decoder, without a port."""
+"""Driver for a virtual device inside the bridge: the native decoder reads the simulator's bytes, without a port."""
 
 import threading
 import time
@@ -22,11 +22,12 @@ _BATTERY_S = 12 * 3600.0
 
 
 class SimulatedOptions(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Options of a virtual device.
+    """Options of a virtual device. Raises ValueError for an invalid option.
 
-    seed: decides the device's properties and motion. speed: multiple of real time. rate_hz: output data rate, Hz.
-    life: the motion after the calibration. `lively`: movements, each followed by a rest of some seconds. `ward`: lying,
-    asleep, sitting, walking, in a bed that turns.
+    seed: random seed of the device's sensor errors and motion. speed: multiple of real time.
+    rate_hz: output data rate, Hz.
+    life: motion after the calibration. `lively`: movements, each followed by a rest of some seconds. `ward`: a patient
+    who lies, sleeps, sits, walks, and is turned in bed.
     """
 
     #: number that decides the device's errors and motion, 0 to 4294967295; equal seeds give equal devices
@@ -48,9 +49,9 @@ class SimulatedOptions(Struct, frozen=True, forbid_unknown_fields=True, kw_only=
 
 
 class SimulatedDriver:
-    """Driver of a virtual device, timed by the host's clock.
+    """Driver of a virtual device, timed by the host's monotonic clock.
 
-    device: made by the first open; it survives close and open.
+    device: the virtual device, created by the first `open`; it keeps running after `close`.
     """
 
     def __init__(self, options: SimulatedOptions) -> None:
@@ -63,7 +64,7 @@ class SimulatedDriver:
         self._born_s = 0.0
 
     def open(self) -> None:
-        """Open the virtual device; the first open makes it and powers it up."""
+        """Open the virtual device; the first call creates it and switches it on."""
         if self.device is None:
             self.device = _made(self._options)
             self._born_s = time.monotonic()
@@ -71,7 +72,7 @@ class SimulatedDriver:
         self._closed.clear()
 
     def read(self, timeout_s: float) -> list[Event]:
-        """Return the events since the last read, after a pause of up to 20 ms; raises DeviceLost after close."""
+        """Return the events since the last call, after a pause of at most 20 ms. Raises DeviceLost after `close`."""
         if self.device is None or self._closed.wait(min(timeout_s, _TURN_S)):
             raise DeviceLost(Code.CLOSED(place=self.place))
         if ask := self._decoder.to_send():
@@ -80,7 +81,7 @@ class SimulatedDriver:
         return self._decoder.feed(data, host_time.now_ns())
 
     def close(self) -> None:
-        """Stop reading; this ends a read in another thread. The device keeps its state."""
+        """Stop reading; this ends a `read` in another thread. The virtual device keeps its state."""
         self._closed.set()
 
 

@@ -1,4 +1,4 @@
-"""Driver for devices that print lines, each described by a profile (`bridge/text/profile.py`): header row, banners, samples."""
+"""Driver for devices that print text lines, described by a profile (`bridge/text/profile.py`): header, banners, samples."""
 
 import math
 import re
@@ -27,14 +27,14 @@ MAX_LINE = 1024  # bytes; a header row of many sensors has some hundreds
 
 
 class TextDecoder(Decoder):
-    """Decoder of the lines described by one text profile.
+    """Decoder of the text lines that one text profile describes.
 
-    rate_hz, gyro_range (rad/s): this device's own values where they differ from the profile; 0 takes the profile's.
-    refused: called with each refused line and the reason.
-    The first line after opening may be the end of a longer line and look complete. It is accepted only if it is a
-    banner.
-    captured: receive times are unknown, so the device's own clock is used.
-    file: the data is a file, whose first line is complete.
+    rate_hz (Hz), gyro_range (rad/s): this device's own sample rate and full-scale range; 0 uses the profile's.
+    refused: called with the reason and the text of each rejected line.
+    captured: True for a capture whose receive times are unknown; the device's own clock is used instead.
+    file: True if the data is a file, whose first line is complete.
+    Without `file` or `captured`, the first line after opening may be the end of a longer line. That line is accepted
+    only if it is a banner, which a device prints at start-up.
     """
 
     def __init__(
@@ -80,7 +80,10 @@ class TextDecoder(Decoder):
         self._assembly.opened()
 
     def feed(self, data: bytes, receive_time_ns: int) -> list[Event]:
-        """Return the events that these bytes complete, in order. receive_time_ns: host time of the last byte."""
+        """Decode received bytes; return the completed events, in order.
+
+        receive_time_ns: receive time of the last byte, ns since the Unix epoch (`host_time.now_ns`).
+        """
         events: list[Event] = []
         for line in self._lines.feed(data):
             events += self._take(line, receive_time_ns)
@@ -88,7 +91,7 @@ class TextDecoder(Decoder):
         return [*self._notices(), *events] if events else []
 
     def finish(self) -> list[Event]:
-        """Return the events of the samples still held, at the end of the stream, even if the rate is unknown."""
+        """End the stream: return the events of samples still held back, even if the sample rate is unknown."""
         events = self._assembly.finish()
         return [*self._notices(), *events] if events else []
 
@@ -210,9 +213,10 @@ def _amount(text: str) -> float:
 
 
 class TextOptions(StreamOptions, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Options of a device that prints lines of text, described by a profile.
+    """Options of a device that prints text lines, described by a profile. Raises ValueError for an invalid option.
 
-    profile: name or path. rate_hz (Hz), gyro_range_dps (°/s): only where they differ from the profile's.
+    profile: name of a shipped profile, or path of a file. rate_hz (Hz), gyro_range_dps (°/s), baud (bits per second): 0
+    uses the profile's value.
     """
 
     #: name of a shipped profile, for example `nano-33-ble`, or the path of an own `.toml` file

@@ -1,13 +1,13 @@
-"""Detects whether a device sends timestamps: some devices can be set either way, and a frame with the time may be lost."""
+"""Detects if a device sends timestamps: some devices can be configured either way, and a frame with the time may be lost."""
 
 _SURE, _CHANGED = 2, 32  # consecutive samples: to decide first, to change the decision
 
 
 class TimePresence:
-    """Decides whether a device's samples carry a time.
+    """Decides if a device's samples carry a timestamp.
 
-    tells: True if samples carry a time; None until enough samples agree. in_a_row: number of the latest consecutive
-    samples that agree with each other.
+    tells: the decision, True if samples carry a timestamp; None until decided.
+    in_a_row: number of latest consecutive samples that agree with each other.
     """
 
     def __init__(self) -> None:
@@ -16,15 +16,15 @@ class TimePresence:
         self._leaning = False
 
     def fits(self, *, timed: bool) -> bool:
-        """Add the next sample; return whether it agrees with the decision. timed: whether it carries a time."""
+        """Add the next sample; return True if it agrees with the decision. timed: True if the sample carries a timestamp."""
         self.in_a_row = self.in_a_row + 1 if timed == self._leaning else 1
         self._leaning = timed
         return timed == self.tells
 
     def settle(self) -> bool:
-        """Decide whether samples carry a time, if enough of the latest agree: 2 at first, 32 to change the decision.
+        """Decide, if enough of the latest samples agree; return True if a decision was made.
 
-        Return whether a decision was made.
+        The first decision needs 2 consecutive samples; a change of the decision needs 32.
         """
         if self.in_a_row < (_SURE if self.tells is None else _CHANGED):
             return False

@@ -1,4 +1,4 @@
-"""Driver for WitMotion sensors (WT901, HWT905, JY901, WT901BLE …): rates, clock where the device sends one, settings."""
+"""Driver for WitMotion sensors (WT901, HWT905, JY901, WT901BLE …): reads angular rates and times, configures the device."""
 
 from collections.abc import Sequence
 from enum import StrEnum
@@ -24,7 +24,7 @@ _FASTEST_HZ = 200.0
 
 
 class Word(StrEnum):
-    """Frame whose fourth word is the temperature on this WitMotion model; NONE if no frame has it."""
+    """Frame that carries the temperature, in its fourth word, on this WitMotion model; NONE if no frame does."""
 
     ACCEL = "accel"
     GYRO = "gyro"
@@ -32,10 +32,10 @@ class Word(StrEnum):
 
 
 class WitMotionOptions(StreamOptions, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Options of a WitMotion sensor.
+    """Options of a WitMotion sensor. Raises ValueError for an invalid option.
 
-    rate_hz: output data rate to set, together with sending the time; 0 leaves the device as it is.
-    keep_settings: change and query nothing; rate_hz is then the rate the device is known to send.
+    rate_hz: output data rate to set, Hz; the device is then also set to send its time. 0 leaves the device as it is.
+    keep_settings: True changes and queries nothing; rate_hz is then the rate that the device is known to send.
     """
 
     #: speed of the serial port, bits per second, as set in the device; 9600 carries at most 20 samples a second
@@ -60,9 +60,9 @@ class WitMotionOptions(StreamOptions, frozen=True, forbid_unknown_fields=True, k
 
 
 class WitMotionDecoder:
-    """Decoder of WitMotion sensors; without options it only listens.
+    """Decoder of WitMotion sensors, which also queries and configures the device. Without options it sends nothing.
 
-    Samples are dropped and counted until it is clear whether the device sends its time.
+    Samples are dropped and counted until the decoder knows if the device sends its time.
     """
 
     def __init__(self, options: WitMotionOptions | None = None) -> None:
@@ -77,7 +77,7 @@ class WitMotionDecoder:
         self.opened()
 
     def opened(self) -> None:
-        """Reset for a newly opened port; the device is queried again."""
+        """Reset for a newly opened port; the device will be queried again."""
         self._frames.opened()
         self._cycles.opened()
         self._assembly.opened()
@@ -86,7 +86,10 @@ class WitMotionDecoder:
         self._without_rate = 0  # frames since the last sample
 
     def feed(self, data: bytes, receive_time_ns: int) -> list[Event]:
-        """Return the events that these bytes complete, in order. receive_time_ns: host time of the last byte."""
+        """Decode received bytes; return the completed events, in order.
+
+        receive_time_ns: receive time of the last byte, ns since the Unix epoch (`host_time.now_ns`).
+        """
         events: list[Event] = []
         for frame in self._frames.feed(data):
             if frame.kind in (REGISTERS, MOTION_REGISTERS):
@@ -106,11 +109,11 @@ class WitMotionDecoder:
         return events + self._assembled()
 
     def finish(self) -> list[Event]:
-        """Return the events of the samples still held, at the end of the stream."""
+        """End the stream: return the events of samples that the decoder still holds back."""
         return self._assembly.finish()
 
     def to_send(self) -> bytes:
-        """Return the next command to the sensor; b"" if none."""
+        """Return the bytes of the next command to the device, which are returned once; b"" if there is none."""
         return self._settings.command()
 
     def _ask(self) -> None:

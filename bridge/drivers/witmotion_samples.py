@@ -1,4 +1,4 @@
-"""Assembles WitMotion frames into samples: a cycle has time, acceleration, rate and more, one frame each, in this order."""
+"""Combines WitMotion frames to samples: each measuring cycle sends time, acceleration, rate and more, one frame each."""
 
 import struct
 from datetime import datetime, timedelta
@@ -21,10 +21,10 @@ _FOUR, _SIX = struct.Struct("<4h"), struct.Struct("<6h")
 
 
 class Sample(NamedTuple):
-    """One sample of a WitMotion device: gyro in rad/s, accel in m/s² or None.
+    """One sample of a WitMotion device: gyro (x, y, z) in rad/s; accel (x, y, z) in m/s², or None.
 
-    time_ms: ms of the device's calendar since 1999-12-31, None without. accel_word, gyro_word: fourth word of the
-    acceleration and rate frames, 0.01 °C where it is a temperature.
+    time_ms: device time, ms since 1999-12-31 by the device's calendar; None if not sent.
+    accel_word, gyro_word: fourth word of the acceleration and rate frames, in 0.01 °C if it is a temperature.
     """
 
     time_ms: int | None
@@ -35,9 +35,10 @@ class Sample(NamedTuple):
 
 
 class Cycles:
-    """Assembles WitMotion frames into samples: time, acceleration and rate of one measuring cycle.
+    """Combines WitMotion frames to samples: time, acceleration and rate of one measuring cycle become one sample.
 
-    A half without the other half of its cycle is dropped and counted in `faults`.
+    A rate or acceleration frame without its counterpart is dropped and counted in `faults`. After eight rates in a row
+    without acceleration, samples have only rates.
     """
 
     def __init__(self, faults: Tally) -> None:
@@ -52,7 +53,7 @@ class Cycles:
         self._alone = 0
 
     def take(self, frame: Frame) -> Sample | None:
-        """Take the next frame; return the sample that it completes, or None."""
+        """Add the next frame; return the sample that it completes, or None."""
         if frame.kind == witmotion.MOTION:
             x, y, z, *gyro = _SIX.unpack_from(frame.data)
             time_ms = self._time(frame.data[_ANGLES_END:]) if len(frame.data) > _ANGLES_END else None

@@ -1,8 +1,8 @@
-"""Queries and settings of a WitMotion device, 0.1 s between commands. Pure: time is an argument.
+"""Queries and settings of a WitMotion device, at least 0.1 s apart. No I/O; time is an argument.
 
-Nothing is saved on the device, so changes are lost with power. Registers are those of the WIT Standard Communication
-Protocol; that of the battery is in the maker's Bluetooth 5.0 protocol. A serial answer does not name its register, so only
-one query is open at a time.
+Nothing is saved on the device, so changes are lost at power-off. The registers are those of the WIT Standard
+Communication Protocol; the battery's register is in the maker's Bluetooth 5.0 protocol. An answer over a serial line
+does not name its register, so only one query is open at a time.
 """
 
 import struct
@@ -32,10 +32,10 @@ _OFF_OLD, _LONGEST = 1, 0xFFFF
 
 
 class Settings(RequestQueue):
-    """Queries and settings of one WitMotion device, and how far they have come.
+    """Queries and settings of one WitMotion device, and their progress.
 
-    rate_hz: output data rate to set, 0 to leave it. writes: whether settings may be changed.
-    firmware: empty until answered. sends_hz: reported output data rate, Hz; 0 until answered.
+    rate_hz: output data rate to set, Hz; 0 leaves it. writes: True allows changes of settings.
+    firmware: "" until the device answers. sends_hz: output data rate that the device reports, Hz; 0 until it answers.
     """
 
     def __init__(self, rate_hz: float, *, writes: bool) -> None:
@@ -46,9 +46,9 @@ class Settings(RequestQueue):
         super().__init__(_AGAIN_S, _TIMES, self._unanswered, _SPACING_S)
 
     def begin(self, *, checked: bool) -> None:
-        """Restart all queries: the device was opened, or has booted.
+        """Restart all queries, because the device was opened or has booted.
 
-        checked: the device speaks the serial form with checksums.
+        checked: True if the device uses the serial form of frames, with checksums.
         """
         self._checked, self._has_battery = checked, not checked
         self._told = {CONTENT: 0, STILL_TIME: 0}
@@ -62,7 +62,7 @@ class Settings(RequestQueue):
         return self.key in (None, BATTERY) and not self.sending
 
     def passed(self, now_ns: int) -> list[Notice]:
-        """Let time pass, as the queue does; once a minute the battery is queried."""
+        """Advance the time to now_ns, ns since the Unix epoch, as RequestQueue does; query the battery once a minute."""
         if self._has_battery and self.key is None and now_ns - self._battery_ns >= _BATTERY_NS:
             self._battery_ns = now_ns
             self.add(BATTERY, _command(_READ, BATTERY))
@@ -75,10 +75,10 @@ class Settings(RequestQueue):
         return [] if about_battery else _notice(Code.MAY_CALIBRATE_ITSELF())
 
     def took(self, data: bytes) -> Sequence[Notice | Battery]:
-        """Handle the data of a register answer; return the notices and battery states that follow from it.
+        """Process the data of a register answer; return the notices and battery states that follow from it.
 
-        data: little-endian 16-bit registers. Some devices put the number of the first register in front; others answer the
-        last query.
+        data: little-endian 16-bit registers. Devices on Bluetooth put the number of the first register in front; on a
+        serial line, the answer belongs to the last query.
         """
         register, values = self.key, struct.unpack(f"<{len(data) // 2}H", data)
         if register is None or self.sending:

@@ -1,4 +1,4 @@
-"""Driver for x-io Technologies' x-IMU3 and compatible devices: over USB, serial, TCP, UDP, or from a file."""
+"""Driver for x-io Technologies' x-IMU3 and compatible devices, over USB, serial, TCP, UDP, or from a file."""
 
 from collections import deque
 from math import radians
@@ -23,11 +23,11 @@ _SEEN = 0.1  # relative tolerance for recognising a new sample period
 
 
 class Ximu3Options(StreamOptions, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Options of an x-IMU3.
+    """Options of an x-IMU3. Raises ValueError for an invalid output data rate.
 
-    rate_hz: output data rate to set, 400 Hz divided by a whole number; None leaves the device's rate. A serial line of
+    rate_hz: output data rate to set, 400 Hz divided by a whole number; None leaves the device's rate. A serial line at
     115200 baud carries at most 200 Hz.
-    keep_settings: query the device, but change no setting.
+    keep_settings: True queries the device but changes no setting.
     """
 
     #: output data rate to set in the device, Hz: 400 divided by a whole number, for example 100; default: the device's rate
@@ -42,10 +42,10 @@ class Ximu3Options(StreamOptions, frozen=True, forbid_unknown_fields=True, kw_on
 
 
 class Ximu3Decoder:
-    """Decoder of the x-IMU3; queries the identity, turns the on-board bias correction off and sets the rate.
+    """Decoder of the x-IMU3. It queries the identity, turns the on-board bias correction off and sets the output data rate.
 
-    Samples are dropped and counted until it has answered, for a second at most; without options, and on a file, the
-    decoder only listens.
+    Samples are dropped and counted until the device has answered, for at most one second. Without options, and for a
+    file, the decoder sends nothing.
     """
 
     def __init__(self, options: Ximu3Options | None = None) -> None:
@@ -74,7 +74,10 @@ class Ximu3Decoder:
             self._settings.ask()
 
     def feed(self, data: bytes, receive_time_ns: int) -> list[Event]:
-        """Return the events that these bytes complete, in order. receive_time_ns: host time of the last byte."""
+        """Decode received bytes; return the completed events, in order.
+
+        receive_time_ns: receive time of the last byte, ns since the Unix epoch (`host_time.now_ns`).
+        """
         events: list[Event] = []
         for line in self._lines.feed(data):
             try:
@@ -94,11 +97,11 @@ class Ximu3Decoder:
         return events + assembled
 
     def finish(self) -> list[Event]:
-        """Return the events of the samples still held, at the end of the stream, even if the rate is unknown."""
+        """End the stream: return the events of samples still held back, even if the sample rate is unknown."""
         return self._assembly.finish()
 
     def to_send(self) -> bytes:
-        """Return the next command, b"" if none; one at a time, so that each fits a datagram."""
+        """Return the bytes of the next command, b"" if there is none. Commands are sent singly, so that each fits a datagram."""
         return self._settings.command()
 
     def _took(self, message: Message, receive_time_ns: int) -> list[Event]:

@@ -1,4 +1,4 @@
-"""Queries and settings of an x-IMU3. Pure: time is an argument.
+"""Queries and settings of an x-IMU3. No I/O; time is an argument.
 
 Keys and values are those of the user manual, "Individual settings". No save command is sent, but the device itself
 saves its settings when it is switched off.
@@ -24,11 +24,11 @@ _MAX_TEXT = 31
 
 
 class Settings(RequestQueue):
-    """Queries and settings of one x-IMU3, and how far they have come.
+    """Queries and settings of one x-IMU3, and their progress.
 
-    chosen_hz: output data rate to set, None to leave it. writes: whether settings may be changed.
-    name, serial, firmware, hardware: empty until answered.
-    coming_us: sample period, µs, that was set but not yet seen in the samples; None otherwise.
+    chosen_hz: output data rate to set, Hz; None leaves it. writes: True allows changes of settings.
+    name, serial, firmware, hardware: "" until the device answers.
+    coming_us: new sample period that was set but is not yet seen in the samples, µs; None otherwise.
     """
 
     def __init__(self, chosen_hz: float | None, *, writes: bool) -> None:
@@ -41,7 +41,7 @@ class Settings(RequestQueue):
         super().__init__(_AGAIN_S, _TIMES, self._unanswered)
 
     def ask(self) -> None:
-        """Restart all queries: the device was opened, or has booted."""
+        """Restart all queries, because the device was opened or has booted."""
         self.clear()
         for key in _ASKED:
             self.add(plain(key), _command(key, None))
@@ -49,9 +49,9 @@ class Settings(RequestQueue):
         self.coming_us = None
 
     def took(self, reply: Reply) -> list[Notice]:
-        """Handle the device's answer to a query or setting; return the notices that follow from it.
+        """Process the device's answer to a query or setting; return the notices that follow from it.
 
-        Settings take effect together, once all queries are answered.
+        Changed settings take effect together, once all queries are answered.
         """
         asked = reply.key == self.key
         if asked:
@@ -106,7 +106,7 @@ class Settings(RequestQueue):
 
 
 def divisor_of(rate_hz: float) -> int:
-    """Return the rate divisor, 1 to 4000, whose output data rate is nearest to rate_hz: 400 Hz / divisor."""
+    """Return the rate divisor, 1 to 4000, whose output data rate 400 Hz / divisor is nearest to rate_hz."""
     return min(max(1, round(SAMPLES_HZ / rate_hz)), _MAX_DIVISOR)
 
 

@@ -1,4 +1,4 @@
-"""Byte framing without I/O: any chunking of bytes in, whole packets out, damaged packets counted, bounded memory.
+"""Byte framing without I/O: decoders from bytes in any chunking to whole packets, with bounded memory and counted faults.
 
 Begin at `cobs_frames`; each protocol is one file.
 """

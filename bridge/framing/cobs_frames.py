@@ -1,8 +1,9 @@
-"""Frames on a byte stream, without I/O: COBS between zero bytes, with a CRC-32 at the end of each.
+"""COBS frames on a byte stream, without I/O: each frame ends with a CRC-32 checksum and a zero byte.
 
     frame = COBS(payload + crc32(payload) little-endian) + 0x00
 
-A zero byte always ends a frame, so after any damage the next frame is found again.
+COBS (consistent overhead byte stuffing) removes zero bytes from the content. A zero byte always ends a frame, so the
+next frame is found again after any damage.
 """
 
 import zlib
@@ -30,14 +31,14 @@ def frame(payload: bytes) -> bytes:
 
 
 class Deframer:
-    """Decoder of COBS frames: any chunking of bytes in, whole payloads out; counts faults, with bounded memory."""
+    """Decoder of COBS frames: bytes in any chunking in, whole payloads out. Counts faults by label; memory is bounded."""
 
     def __init__(self) -> None:
         self.faults = Tally()
         self._partial = b""  # of an overlong frame, one byte more than allowed is kept, to recognise it
 
     def feed(self, data: bytes) -> list[bytes]:
-        """Add received bytes; return the payloads of the frames that they complete, in order."""
+        """Decode received bytes; return the payloads of the completed frames, in order."""
         *ended, rest = data.split(b"\0")
         payloads = []
         for piece in ended:

@@ -1,6 +1,6 @@
-"""Finds frames in a byte stream whose frames may begin at any byte, without I/O: the base of several protocols' decoders.
+"""Frame scanner, without I/O: finds frames that may begin at any byte of a stream. Base of several protocols' decoders.
 
-After damage, bytes are dropped one at a time until a frame is found, and counted.
+After damage, bytes are dropped one at a time and counted, until a frame is found.
 """
 
 from collections.abc import Iterator
@@ -11,9 +11,9 @@ GARBAGE = "bytes_between_frames"
 
 
 class FrameScanner:
-    """Splits a byte stream into frames: any chunking of bytes in, whole frames out; counts faults, with bounded memory.
+    """Splits a byte stream into frames: bytes in any chunking in, whole frames out. Counts faults; memory is bounded.
 
-    A subclass gives the size of a frame by `_size`.
+    A subclass implements `_size`, which returns the size of the frame at the beginning of the held bytes.
     """
 
     def __init__(self, faults: Tally) -> None:

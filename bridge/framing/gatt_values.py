@@ -1,9 +1,9 @@
-"""Values of a BLE device's characteristics in one byte stream, without I/O: one in each COBS frame.
+"""Values of a BLE device's characteristics in one byte stream, without I/O: one value in each COBS frame.
 
     payload of a frame = number of the characteristic, 16 bits, little-endian; value
 
-To the device, a frame with a value writes it; a frame without a value reads the characteristic. The frames can be captured
-in a file, and decoded from any point on.
+A frame sent to the device writes the value; without a value, it requests to read the characteristic. The frames can be
+captured in a file, and decoded from any point on.
 """
 
 from bridge.framing.cobs_frames import Deframer, frame
@@ -13,19 +13,19 @@ _NUMBER_BYTES = 2
 
 
 def encode(number: int, value: bytes = b"") -> bytes:
-    """Encode a BLE characteristic's 16-bit number and value as a COBS frame; no value: the request to read it."""
+    """Encode a BLE characteristic's 16-bit number and value as a COBS frame; without value, the request to read it."""
     return frame(number.to_bytes(_NUMBER_BYTES, "little") + value)
 
 
 class GattValues:
-    """Decoder of BLE characteristics' values in a byte stream of COBS frames; counts faults, with bounded memory."""
+    """Decoder of BLE characteristic values in a byte stream of COBS frames. Counts faults in `faults`; memory is bounded."""
 
     def __init__(self, faults: Tally) -> None:
         self._deframer = Deframer()
         self._deframer.faults = faults
 
     def feed(self, data: bytes) -> list[tuple[int, bytes]]:
-        """Add received bytes; return (characteristic number, value) of each frame that they complete, in order."""
+        """Decode received bytes; return (characteristic number, value) of each frame that they complete, in order."""
         return [
             (int.from_bytes(payload[:_NUMBER_BYTES], "little"), payload[_NUMBER_BYTES:])
             for payload in self._deframer.feed(data)
@@ -33,5 +33,5 @@ class GattValues:
 
 
 def decode(data: bytes) -> list[tuple[int, bytes]]:
-    """Return (characteristic number, value) of each frame in these bytes, which hold whole frames only."""
+    """Return (characteristic number, value) of each frame in these bytes, which contain whole frames only."""
     return GattValues(Tally()).feed(data)

@@ -1,4 +1,4 @@
-"""Lines of a byte stream, without I/O: any chunking in, whole lines out, bounded memory."""
+"""Text lines of a byte stream, without I/O: bytes in any chunking in, whole lines out, bounded memory."""
 
 import re
 from typing import NamedTuple
@@ -7,9 +7,9 @@ LINE_FEED, ANY_END = b"\n", b"\r\n"
 
 
 class Line(NamedTuple):
-    """One line of a byte stream, without its end.
+    """One line of a byte stream, without the bytes that end it.
 
-    begun: the first line after opening, whose beginning may be missing. too_long: the line was cut.
+    begun: True for the first line after opening, whose beginning may be missing. too_long: True if the line was cut.
     """
 
     data: bytes
@@ -35,7 +35,7 @@ class Lines:
         self._begun = True
 
     def feed(self, data: bytes) -> list[Line]:
-        """Add received bytes; return the lines that they complete, in order."""
+        """Decode received bytes; return the completed lines, in order."""
         *ended, rest = self._end.split(data)
         lines = []
         for piece in ended:

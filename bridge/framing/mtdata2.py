@@ -1,4 +1,4 @@
-"""Xsens messages on a byte stream, and the items of MTData2, without I/O. All numbers are big-endian.
+"""Xsens messages on a byte stream, and the data items of MTData2, without I/O. All numbers are big-endian.
 
     message    FA FF kind length data sum          length FF: two more bytes give the length
     item       identifier[2] length data           the identifier's low nibble is the number format
@@ -31,19 +31,20 @@ _FP_12_20, _FP_16_32 = 1, 2
 
 
 class Message(NamedTuple):
-    """Message from or to an Xsens device: number of its kind, and data."""
+    """Message from or to an Xsens device: number of its kind, and data bytes."""
 
     kind: int
     data: bytes
 
 
 class Data(NamedTuple):
-    """Useful content of an MTData2 message; None where missing.
+    """Content of an MTData2 message that truerate uses; None for an item that the message lacks. Vectors in the sensor frame.
 
-    gyro (3) rad/s, accel (3) m/s², celsius °C, counter of messages (16 bits), time in 0.1 ms (32 bits).
-    gyro_clipped: the device reports an axis beyond its range.
-    turned: rotation vector of Δq, rad. sped: Δv, m/s. Both are since the previous message.
-    raw: the message carries the gyro as counts.
+    gyro (3,): rad/s. accel (3,): m/s². celsius: °C. counter: message counter, 16 bits.
+    time: device time, 32 bits, in units of 0.1 ms. gyro_clipped: True if the device reports an axis beyond its range.
+    turned (3,): rotation vector of the orientation increment Δq, rad. sped (3,): velocity increment Δv, m/s. Both are
+    over the time since the previous message.
+    raw: True if the message carries unscaled sensor counts.
     """
 
     gyro: tuple[float, float, float] | None
@@ -58,16 +59,19 @@ class Data(NamedTuple):
 
 
 def encode(kind: int, data: bytes = b"") -> bytes:
-    """Encode a message to the device, with preamble, length and checksum; data has less than 255 bytes."""
+    """Encode a message to the device, with preamble, length and checksum.
+
+    kind: number of the kind of message. data: at most 254 bytes.
+    """
     body = bytes((0xFF, kind, len(data))) + data
     return b"\xfa" + body + bytes((-sum(body) & 0xFF,))
 
 
 class Messages(FrameScanner):
-    """Decoder of Xsens messages: any chunking of bytes in, messages out; counts faults, with bounded memory."""
+    """Decoder of Xsens messages: bytes in any chunking in, messages out. Counts faults in `faults`; memory is bounded."""
 
     def feed(self, data: bytes) -> list[Message]:
-        """Add received bytes; return the messages that they complete, in order."""
+        """Decode received bytes; return the completed messages, in order."""
         return [Message(frame[2], frame[6 if frame[3] == _LONG else 4 : -1]) for frame, _ in self._frames(data)]
 
     def _size(self) -> int:
@@ -94,7 +98,7 @@ class Messages(FrameScanner):
 def decode(data: bytes) -> Data:
     """Decode the known items in the data of an MTData2 message; items of other kinds are ignored.
 
-    Raises BadPacket if the items do not fill the data exactly, or an item has a wrong length.
+    Raises BadPacket if the items do not fill the data exactly, or if an item has a wrong length.
     """
     items: dict[int, tuple[int, bytes]] = {}
     at = 0

@@ -1,4 +1,4 @@
-"""Packets of the native serial protocol, little-endian, one packet per frame.
+"""Packets of truerate's own serial protocol, little-endian, one packet per COBS frame.
 
     HELLO     01 version boot tick_period_s rate_hz gyro_range has model 00 firmware    device -> host
     DATA      02 n boot sequence (ticks gyro[3] accel[3] temperature)[n]                device -> host
@@ -7,13 +7,16 @@
     IDENTIFY  81                                                                        host -> device: send HELLO
     RATE      82 rate_hz                                                                host -> device: set this rate
 
-A device sends HELLO at boot, once a second and when asked. `boot` is a number drawn at power-up, `sequence` counts
-samples since then, `ticks` is the device's clock (32 bits, wraps). Gyro in rad/s, accelerometer in m/s², temperature in
-°C, as float32; `has` tells which of the last two are measured. OWN is a calibration that the device made itself in
-this boot, from samples up to `sequence`: rate = k (gyro - bias), bias in rad/s, as float32. A device that has one sends
-it with each HELLO. BATTERY is the charge as float32, 0 to 100 %, and whether it charges, 0 or 1; a device sends it with
-HELLO, or when it changes. A device may ignore RATE. A device that obeys sends
-HELLO with its new rate, which lasts until power is lost.
+A device sends HELLO at boot, once a second and when asked. `boot` is a random number drawn at power-up. `sequence`
+counts samples since the boot. `ticks` is the device's clock (32 bits, wraps), in ticks of tick_period_s seconds.
+rate_hz is the output data rate; gyro_range is the full-scale range in rad/s.
+In DATA, gyro is in rad/s, accel in m/s² and temperature in °C, as float32. The bits of `has` tell if the device
+measures acceleration (1) and temperature (2).
+OWN is a calibration that the device made itself in this boot, from samples up to `sequence`: rate = k (gyro - bias),
+with k without unit and bias in rad/s, as float32. A device that has one sends it with each HELLO.
+BATTERY is the charge as float32, 0 to 100 %, and 1 if the battery is charging, else 0. A device sends it with HELLO, or
+when it changes.
+A device may ignore RATE. A device that obeys sends HELLO with its new rate, which lasts until power-off.
 """
 
 import struct
@@ -39,7 +42,7 @@ _SAMPLE = np.dtype([("ticks", "<u4"), ("gyro", "<f4", 3), ("accel", "<f4", 3), (
 
 
 class BadPacket(Exception):
-    """A packet with an intact frame but invalid content; `label` names the fault to count."""
+    """Error: a packet with an intact frame has invalid content. label: name of the fault, for counting."""
 
     def __init__(self, label: str) -> None:
         super().__init__(label)
@@ -50,8 +53,8 @@ class BadPacket(Exception):
 class Hello:
     """Content of a HELLO packet: a device's identity and boot number.
 
-    tick_period_s: seconds per tick of its clock. rate_hz: output data rate. gyro_range: full scale in rad/s, 0 if
-    unknown.
+    tick_period_s: seconds per tick of its clock. rate_hz: output data rate. gyro_range: full-scale range in rad/s, 0 if
+    unknown. has_accel, has_temperature: True if the device measures them.
     """
 
     boot: int
@@ -65,9 +68,10 @@ class Hello:
 
 
 class Data(NamedTuple):
-    """Content of a DATA packet: n consecutive samples. sequence: number of the first since boot, 32 bits.
+    """Content of a DATA packet: n consecutive samples, in the sensor frame.
 
-    ticks (n,) uint32; gyro (n, 3) rad/s, accel (n, 3) m/s², temperature_c (n,) °C, all float32.
+    sequence: number of the first sample since boot, 32 bits. ticks (n,) uint32: device time in ticks.
+    gyro (n, 3): rad/s. accel (n, 3): m/s². temperature_c (n,): °C. All three are float32.
     """
 
     boot: int
@@ -79,7 +83,7 @@ class Data(NamedTuple):
 
 
 class Charge(NamedTuple):
-    """Content of a BATTERY packet: charge of a device's battery, 0 to 100 %, and whether it charges."""
+    """Content of a BATTERY packet: charge of a device's battery, 0 to 100 %, and True if it is charging."""
 
     percent: float
     charging: bool
@@ -93,7 +97,7 @@ def encode_hello(hello: Hello) -> bytes:
 
 
 def encode_data(data: Data) -> bytes:
-    """Encode the payload of a DATA packet (samples); raises ValueError unless it has 1 to MAX_SAMPLES samples."""
+    """Encode the payload of a DATA packet (samples). Raises ValueError unless there are 1 to MAX_SAMPLES samples."""
     n = len(data.ticks)
     if not 1 <= n <= MAX_SAMPLES:
         raise ValueError(f"a DATA packet has 1 to {MAX_SAMPLES} samples, not {n}")
@@ -109,7 +113,7 @@ def encode_own(own: DeviceCalibration) -> bytes:
 
 
 def encode_battery(charge: Charge) -> bytes:
-    """Encode the payload of a BATTERY packet (charge)."""
+    """Encode the payload of a BATTERY packet (charge of the battery)."""
     return _BATTERY.pack(BATTERY, charge.percent, charge.charging)
 
 
@@ -119,12 +123,15 @@ def encode_identify() -> bytes:
 
 
 def encode_rate(rate_hz: float) -> bytes:
-    """Encode the payload of a RATE packet, which sets a device's output data rate, Hz."""
+    """Encode the payload of a RATE packet, which sets a device's output data rate in Hz."""
     return _RATE.pack(RATE, rate_hz)
 
 
 def decode_rate(payload: bytes) -> float | None:
-    """Return the rate, Hz, in a payload to the device; None if it is no RATE packet, or beyond 0.1 to 100000 Hz."""
+    """Return the output data rate in Hz in a payload to the device.
+
+    None if the payload is not a RATE packet, or if the rate is not within 0.1 to 100000 Hz.
+    """
     if payload[0] != RATE or len(payload) != _RATE.size:
         return None
     _, rate_hz = _RATE.unpack(payload)

@@ -1,13 +1,14 @@
-"""Shimmer3's answers and data packets on a byte stream, without I/O.
+"""Answers and data packets of a Shimmer3 on a byte stream, without I/O.
 
-    FF                     a command was done                   FE    a command was refused
+    FF                     acknowledgement of a command          FE    refusal of a command
     FF kind data           the answer to a query
-    FF 8A kind data        an answer between data packets; the device's own news come without FF
+    FF 8A kind data        an answer between data packets; sent without FF if the device was not asked
     00 time[3] channels    a data packet: time at 32768 Hz, little-endian; then the channels of the inquiry's answer
 
-Nothing marks a frame. With the CRC turned on, each of these ends with two more bytes, and is accepted only with the right
-ones. Without the CRC, a data packet is accepted only if another follows whose time fits the sampling period. After damage,
-bytes are dropped one at a time until a frame is found.
+No byte marks the beginning of a frame. With the CRC turned on, each frame ends with a CRC of two bytes, and is accepted
+only if the CRC is right. Without CRC, a data packet is accepted only if another follows whose time fits the sampling
+period.
+After damage, bytes are dropped one at a time until a frame is found.
 Source: Shimmer3 Bluetooth communication protocol, LogAndStream firmware.
 """
 
@@ -32,7 +33,10 @@ _JITTER = 8  # part of a period
 
 
 def crc(frame: bytes) -> bytes:
-    """Return a frame's CRC-16/CCITT as two bytes, little-endian; an odd frame counts with a zero byte at its end."""
+    """Return a frame's CRC-16/CCITT (start value 0xB0CA) as two bytes, little-endian.
+
+    For a frame with an odd number of bytes, a zero byte is appended before the computation.
+    """
     return binascii.crc_hqx(frame + bytes(len(frame) % 2), _SEED).to_bytes(2, "little")
 
 
@@ -40,7 +44,7 @@ _ACK_AND_CRC = bytes((ACK,)) + crc(bytes((ACK,)))
 
 
 class Frame(NamedTuple):
-    """A frame from a Shimmer3: kind (ACK, NACK, DATA or the kind of an answer), and the data that follows it."""
+    """Frame from a Shimmer3: kind (ACK, NACK, DATA or the kind of an answer), and the data bytes that follow it."""
 
     kind: int
     data: bytes
@@ -53,11 +57,11 @@ class _Shape(NamedTuple):
 
 
 class ShimmerFrames(FrameScanner):
-    """Decoder of Shimmer3's frames: any chunking of bytes in, frames out; counts faults, with bounded memory.
+    """Decoder of Shimmer3 frames: bytes in any chunking in, frames out. Counts faults in `faults`; memory is bounded.
 
-    checked: whether the frames carry a CRC; seen by the first acknowledgement with one.
-    packet: bytes of a data packet, 0 while unknown. period: ticks from packet to packet.
-    awaiting_ack: the next FF is an acknowledgement, not the beginning of an answer.
+    checked: True if the frames carry a CRC, as detected by the first acknowledgement with a CRC.
+    packet: size of a data packet in bytes, 0 while unknown. period: time between data packets, in ticks of 1/32768 s.
+    awaiting_ack: True if the next FF is an acknowledgement, not the beginning of an answer.
     """
 
     def __init__(self, faults: Tally) -> None:
@@ -65,14 +69,14 @@ class ShimmerFrames(FrameScanner):
         super().__init__(faults)
 
     def opened(self) -> None:
-        """Drop an unfinished frame, because the port was opened (again); a new connection begins without CRC."""
+        """Drop an unfinished frame, because the port was opened (again). A new connection begins without CRC."""
         super().opened()
         self.checked = self.awaiting_ack = False
 
     def feed(self, data: bytes) -> Iterator[Frame]:
-        """Add received bytes; yield the frames that they complete, in order.
+        """Decode received bytes; yield the completed frames, in order.
 
-        packet, period and awaiting_ack may be set between two of them.
+        The caller may set packet, period and awaiting_ack between two frames.
         """
         for frame, _ in self._frames(data):
             shape = self._shape

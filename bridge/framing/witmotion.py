@@ -1,4 +1,4 @@
-"""WitMotion's frames on a byte stream, without I/O: 55, a kind, data, and in the serial form a checksum.
+"""WitMotion frames on a byte stream, without I/O: byte 55, kind, data, and in the serial form a checksum.
 
     serial       55 kind data[8] sum      sum: of the ten bytes before it, modulo 256
     Bluetooth    55 61 data[18]           acceleration, rate, angle; no checksum
@@ -24,9 +24,9 @@ _UNCHECKED_KINDS = frozenset((MOTION, MOTION_REGISTERS))
 
 
 class Frame(NamedTuple):
-    """A WitMotion frame: number of its kind, and data of 8, 18 or 26 bytes.
+    """WitMotion frame: number of its kind, and data of 8, 18 or 26 bytes.
 
-    after_fault: bytes were dropped before the frame.
+    after_fault: True if bytes were dropped before the frame.
     """
 
     kind: int
@@ -35,19 +35,19 @@ class Frame(NamedTuple):
 
 
 class WitFrames(FrameScanner):
-    """Decoder of WitMotion frames: any chunking of bytes in, frames out; counts faults, with bounded memory.
+    """Decoder of WitMotion frames: bytes in any chunking in, frames out. Counts faults in `faults`; memory is bounded.
 
-    checked: whether the device uses the serial form with checksums; None until known.
+    checked: True if the device uses the serial form with checksums, False for the Bluetooth form, None until known.
     """
 
     def opened(self) -> None:
-        """Drop an unfinished frame and forget the form of frames: the port was opened, perhaps to another device."""
+        """Drop an unfinished frame and forget the form of frames, because the port was opened, perhaps to another device."""
         super().opened()
         self.checked: bool | None = None
         self._motion_size = _UNCHECKED
 
     def feed(self, data: bytes) -> list[Frame]:
-        """Add received bytes; return the frames that they complete, in order."""
+        """Decode received bytes; return the completed frames, in order."""
         return [
             Frame(frame[1], frame[2:-1] if len(frame) == _CHECKED else frame[2:], dropped > 0)
             for frame, dropped in self._frames(data)

@@ -1,4 +1,4 @@
-r"""Messages of an x-IMU3, binary and ASCII in any mix, one message per line.
+"""Messages of an x-IMU3 device, without I/O: binary and ASCII messages in any mix, one message per line.
 
     C9 time numbers[6]          I,time,gx,gy,gz,ax,ay,az        a sample: °/s, g
     D4 time numbers[1]          T,time,celsius
@@ -38,7 +38,7 @@ _MAX_TEXT = 127
 
 
 class Inertial(NamedTuple):
-    """An x-IMU3's inertial sample: device time in µs, rate (x, y, z) in °/s, acceleration (x, y, z) in g."""
+    """Inertial sample of an x-IMU3: device time in µs, angular rate (x, y, z) in °/s, acceleration (x, y, z) in g."""
 
     time_us: int
     gyro_dps: Vector
@@ -46,20 +46,20 @@ class Inertial(NamedTuple):
 
 
 class Temperature(NamedTuple):
-    """An x-IMU3's temperature message: sensor temperature in °C."""
+    """Temperature message of an x-IMU3: sensor temperature in °C."""
 
     celsius: float
 
 
 class Said(NamedTuple):
-    """An x-IMU3's text for people: a notification, or an error."""
+    """Text message of an x-IMU3 for the user. error: True for an error, False for a notification."""
 
     error: bool
     text: str
 
 
 class Reply(NamedTuple):
-    """An x-IMU3's answer to a command: normalised key (see `plain`) and JSON value."""
+    """Answer of an x-IMU3 to a command: normalised key (see `plain`) and JSON value."""
 
     key: str
     value: Any
@@ -74,7 +74,7 @@ def plain(key: str) -> str:
 
 
 def decode(line: bytes) -> Message | None:
-    """Decode one line (without its end) as an x-IMU3 message; None if it is of an ignored kind.
+    """Decode one line (without its end) as an x-IMU3 message; None for a kind of message that is ignored.
 
     Raises BadPacket, with the label to count, for a damaged line.
     """

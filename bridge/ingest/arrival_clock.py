@@ -1,7 +1,8 @@
-"""Sample times and gaps of a device without a clock, from its sample count and arrival times.
+"""Sample times and gaps of a device without a clock, derived from its sample count and from arrival times.
 
-The sample period starts at the promised rate and follows the clock fit without jumps. A gap shows after a silence:
-either the delayed samples arrive in a burst, or all later samples stay late by the duration of the missing ones.
+The sample period starts at the nominal rate and follows the clock fit without jumps. After a silence, samples are
+either delayed or missing. Delayed samples arrive in a burst and catch up. After missing samples, all later samples stay
+late by the duration of the missing ones.
 """
 
 from math import inf
@@ -19,15 +20,15 @@ _LONGEST_DOUBT_S = 5.0
 
 
 class ArrivalClock:
-    """Derives sample times, in ticks of TICK_S, for a device without a clock: from sample counts and sample period."""
+    """Derives sample times in ticks of TICK_S seconds (1 µs) for a device without a clock, from sample counts and period."""
 
     def __init__(self) -> None:
         self._at: tuple[int, float] | None = None  # latest count, and its ticks
 
     def ticks(self, counts: Counts, period_s: float) -> Counts:
-        """Return ticks (n,) int64 of TICK_S for rising sample counts (n,); they rise across calls too.
+        """Return the times (n,) int64 of samples, in ticks of TICK_S seconds; they keep rising from call to call.
 
-        period_s: latest sample period, host seconds.
+        counts (n,): sample counts, rising. period_s: latest estimate of the sample period, s of host time.
         """
         step = period_s / TICK_S
         count, ticks = self._at or (int(counts[0]), int(counts[0]) * step)
@@ -37,9 +38,10 @@ class ArrivalClock:
 
 
 class SilenceDetector:
-    """Detects samples missing after a silence of a device without a clock; holds the readings until this is known.
+    """Detects samples missing after a silence of a device without a clock. No I/O; times are arguments.
 
-    Pure: times are arguments. missing: number of samples counted as missing so far, before the readings returned last.
+    Readings after a silence are held until it is known if samples are missing or only delayed.
+    missing: number of samples counted as missing so far, before the readings returned last.
     """
 
     def __init__(self) -> None:
@@ -49,9 +51,13 @@ class SilenceDetector:
         self._least_s, self._period_s = inf, 0.0
 
     def take(self, readings: Readings, late_s: float, period_s: float) -> list[Readings]:
-        """Take new readings; return the readings, new and held, that may be published now, in order.
+        """Add new readings; return the readings, new and held, that may be published now, in order.
 
-        late_s: how late the last sample arrived, by the clock fit, s. period_s: sample period, host seconds.
+        late_s: lateness of the last sample relative to the clock fit, s. period_s: sample period, s of host time.
+        Method: with limit = max(0.05 s, 4 periods), readings are held if both the silence and the lateness reach the
+        limit.
+        If the lateness then falls below the limit, the samples were only delayed. Otherwise lateness / period samples
+        are missing. This is decided when the lateness has not fallen by the limit for 0.5 s, or after 5 s.
         """
         silent_s, self._heard_ns = (readings.receive_time_ns - self._heard_ns) * 1e-9, readings.receive_time_ns
         limit_s, self._period_s = max(_LEAST_S, _FEW * period_s), period_s
@@ -73,7 +79,7 @@ class SilenceDetector:
     def release(self) -> list[Readings]:
         """Return the held readings, [] if none, and add the samples missing before them to `missing`.
 
-        For a delay that was never caught up, and at the end of the data.
+        For a delay that was never made up, and at the end of the data.
         """
         held, self._held = self._held, []
         if held:

@@ -1,4 +1,4 @@
-"""The ratio of clipped and refused samples of one device over the last minute. Pure: time is an argument."""
+"""Ratio of clipped, refused and other bad samples of one device over the last minute. No I/O; time is an argument."""
 
 from collections import deque
 from collections.abc import Mapping
@@ -11,15 +11,16 @@ _LEAST_SAMPLES = 200
 
 
 class BadSampleRatio:
-    """Ratio of bad samples of one boot over the last minute: compares growing counts with those a minute ago."""
+    """Ratio of bad samples to all samples of one boot over the last minute, from counts now and a minute ago."""
 
     def __init__(self) -> None:
         self._past: deque[tuple[int, int, dict[str, int]]] = deque()  # time_ns, samples, counts
 
     def notable(self, time_ns: int, samples: int, counts: Mapping[str, int]) -> Sentences:
-        """Return a sentence for each kind of bad sample above 1 % of the last minute, largest first; () if none.
+        """Return a sentence for each kind of bad sample above 1 % of the last minute's samples, largest first; () if none.
 
-        time_ns: of the call. samples: number of samples since boot. counts: number of bad samples since boot, by label.
+        time_ns: time of the call, ns since the Unix epoch. samples: number of samples since boot. counts: number of bad
+        samples since boot, by label. Returns () if the last minute has fewer than 200 samples.
         """
         while len(self._past) > 1 and self._past[1][0] <= time_ns - _WINDOW_NS:
             self._past.popleft()

@@ -1,7 +1,7 @@
-"""Fit of a device's clock to the host's: host = offset + rate * device, from the receive times of batches.
+"""Fit of a device's clock to the host's clock by a robust line: host = offset + rate · device.
 
-Bytes arrive late, never early, and in bursts. So only the least late batch of each second of device time counts. A
-robust line (Theil–Sen median of slopes) is fitted to those of the last minute.
+Bytes arrive late, never early, and in bursts. So of each second of device time only the least late batch is used. A
+Theil–Sen line (median of the slopes of all pairs) is fitted to the batches of the last 60 seconds with data.
 """
 
 from collections import deque
@@ -24,12 +24,14 @@ _BINS_TO_BELIEVE = 6
 
 
 class ClockFit:
-    """Clock fit of one boot, usable from the first batch on with rate 1. Pure: all times are arguments.
+    """Fit host = offset + rate · device of one boot's clock; rate is 1 until measured. No I/O; times are arguments.
 
-    rate: host seconds per device second.
-    rate_error: half of the rate's 95 % interval, if the lateness is equally distributed at all times; infinite until
-    measured. `rate` is dimensionless. A host clock set back is followed at once. A host clock set forward, or a lasting
-    new delay, is followed after some seconds. A delay that is caught up changes nothing.
+    rate: host seconds per device second (no unit).
+    rate_error: half of the 95 % confidence interval of `rate`, no unit; infinite until measured. It assumes that the
+    lateness has the same distribution at all times. The interval of the Theil–Sen slope is that of Sen (JASA 63, 1968,
+    eq. 2.6).
+    A host clock set back is followed at once. A host clock set forward, or a lasting new delay, is followed after some
+    seconds. A delay that is made up changes nothing.
     """
 
     def __init__(self) -> None:
@@ -50,11 +52,14 @@ class ClockFit:
 
     @property
     def sure(self) -> bool:
-        """True if the rate is known to 0.5 %, so that a sample's lateness can be told from a rate error."""
+        """True if `rate_error` is below 0.5 % of `rate`, so that a sample's lateness can be distinguished from a rate error."""
         return self.rate_error < _SURE * self.rate
 
     def observe(self, device_s: float, receive_time_ns: int) -> None:
-        """Add a batch to the fit, by its last sample: device time device_s (s, never falling) and receive_time_ns."""
+        """Add a batch to the fit, by its last sample.
+
+        device_s: device time of the sample, s, never falling. receive_time_ns: receive time, ns since the Unix epoch.
+        """
         number = int(device_s // 1)
         if self._zero_ns is None:
             self._zero_ns, self._number = receive_time_ns, number
@@ -71,7 +76,7 @@ class ClockFit:
                 self._offset_s = host_s - self.rate * device_s
 
     def host_ns(self, device_s: float) -> int:
-        """Return the host time, ns since the Unix epoch, of device time device_s; 0 before the first observation."""
+        """Convert device time device_s (s) to host time, ns since the Unix epoch; 0 before the first observation."""
         if self._zero_ns is None:
             return 0
         return self._zero_ns + round(self._expected(device_s) * 1e9)

@@ -1,4 +1,4 @@
-"""Unwraps a device's tick counter and sequence numbers; finds missing, duplicate and late samples."""
+"""Unwraps a device's tick counter and sequence numbers, and finds missing, duplicate and late samples."""
 
 from operator import lt
 from typing import NamedTuple
@@ -14,7 +14,7 @@ _FAR = 2**62  # ticks; beyond, adding a turn could overflow int64
 
 
 class CounterUnwrapper:
-    """Unwraps the sequence numbers and ticks of one boot, and tells new samples from repeated and late ones."""
+    """Unwraps the sequence numbers and ticks of one boot, and distinguishes new samples from repeated and late ones."""
 
     def __init__(self) -> None:
         self._sequence: int | None = None
@@ -22,9 +22,9 @@ class CounterUnwrapper:
         self._missed: dict[int, bool] = {}  # skipped sequence numbers, oldest first
 
     def unwrapped(self, readings: Readings, identity: Identity) -> tuple[Counts, Counts]:
-        """Return unwrapped sequence numbers and ticks, (n,) int64 each, as if the counters never wrapped.
+        """Return (sequence numbers, ticks) of readings, (n,) int64 each, unwrapped as if the counters never wrapped.
 
-        identity: gives the widths of the counters. The numbers may repeat or go back, as sent.
+        identity: gives the widths of the counters in bits. As sent, the numbers may repeat or go back.
         """
         if self._sequence is None:
             first = readings.sequence % 2**identity.sequence_bits
@@ -49,9 +49,9 @@ class CounterUnwrapper:
         return counts.astype(np.int64) + before if rising and all(map(lt, sent, sent[1:])) else None
 
     def follow(self, readings: Readings, identity: Identity) -> "Followed":
-        """Unwrap the counters of readings, and tell new samples from repeated and late ones.
+        """Unwrap the counters of readings, and distinguish new samples from repeated and late ones.
 
-        The last new sample becomes the one that the next readings are compared with.
+        The last new sample becomes the reference for the next readings.
         """
         last = self._sequence
         if last is not None and step(readings.sequence, last, identity.sequence_bits) == 1:
@@ -82,12 +82,12 @@ class CounterUnwrapper:
 
 
 class Followed(NamedTuple):
-    """Unwrapped readings: sequence number of the first sample, ticks (n,), and which samples are new.
+    """Unwrapped readings of n samples: sequence number of the first sample, tick counts, and which samples are new.
 
-    new (n,): mask of the new samples; None if all are. missing: number of sequence numbers skipped before the first
-    sample.
-    repeated: number of samples received before. overtaken: number that arrived after newer ones. backward: number with
-    a new sequence number but an earlier time.
+    ticks (n,): device time in ticks. new (n,): True for new samples; None if all are new.
+    missing: number of sequence numbers skipped before the first sample. repeated: number of samples received before.
+    overtaken: number of samples that arrived after newer ones. backward: number of samples with a new sequence number
+    but an earlier time.
     """
 
     first: int
@@ -102,7 +102,7 @@ class Followed(NamedTuple):
 def steps(counts: NDArray[np.unsignedinteger], before: int, bits: int) -> Counts:
     """Return the signed steps (n,) int64 between consecutive counts (n,) of a counter of `bits` bits.
 
-    The first step is from `before`. Each step is the shortest way round 2**bits.
+    The first step is from `before`. Each step is the shortest way around the 2**bits values of the counter.
     """
     all_counts = np.concatenate([np.array([before % 2**bits], np.uint64), counts.astype(np.uint64)])
     spare = np.uint64(64 - bits)
@@ -112,11 +112,14 @@ def steps(counts: NDArray[np.unsignedinteger], before: int, bits: int) -> Counts
 
 
 def step(count: int, before: int, bits: int) -> int:
-    """Return the signed step from `before` to `count` of a counter of `bits` bits, the shortest way round."""
+    """Return the signed step from `before` to `count` of a counter of `bits` bits, the shortest way around its 2**bits values."""
     half = 1 << (bits - 1)
     return (count - before + half) % (1 << bits) - half
 
 
 def whole_turns(step_: int, expected: float, bits: int) -> int:
-    """Add whole turns (2**bits) of a counter to a step, so that it comes nearest to the expected step."""
+    """Return the step plus the multiple of 2**bits, the full range of a counter, that is nearest to the expected step.
+
+    step_, expected: steps in counts.
+    """
     return step_ + (1 << bits) * round((expected - step_) / (1 << bits))

@@ -1,4 +1,4 @@
-"""Builds a device's DeviceInfo: model, rate, counts, battery and notices. Pure."""
+"""Builds a device's DeviceInfo message: model, sample rate, counts, battery and notices. No I/O."""
 
 import math
 
@@ -22,7 +22,10 @@ _NOBODY = Identity(
 
 
 class DeviceInfoBuilder:
-    """Builds DeviceInfo messages of one device from its fixed names, latest battery state and notices."""
+    """Builds DeviceInfo messages of one device from its fixed names, latest battery state and notices.
+
+    device, bridge: ids. driver: name of the driver. place: port or file of the device.
+    """
 
     def __init__(self, device: str, bridge: str, driver: str, place: str) -> None:
         self._names = (device, bridge, driver, place)
@@ -30,7 +33,7 @@ class DeviceInfoBuilder:
         self._notices: dict[str, Sentence] = {}
 
     def note(self, event: Battery | Notice) -> None:
-        """Store the latest battery state or the latest notice of a name; at most MAX_TEXTS notices are kept."""
+        """Store the latest battery state, or the latest notice of a name; at most MAX_TEXTS notices are kept."""
         if isinstance(event, Battery):
             self._battery = event
             return
@@ -51,12 +54,12 @@ class DeviceInfoBuilder:
         events: dict[str, int],
         trouble: Sentences,
     ) -> DeviceInfo:
-        """Build the DeviceInfo message of one device at time_ns (ns since the Unix epoch).
+        """Build the DeviceInfo message of one device. time_ns: present time, ns since the Unix epoch.
 
-        boot: published boot number. timeline: measured rate and notices about time. samples: number published in this
-        boot.
-        dropped, events: counts by label. trouble: why the device cannot be read; () if it can.
-        Before the device has identified itself (identity None), boot is 0 and `trouble` gives the reason.
+        boot: published boot number. timeline: source of the measured sample rate and of notices about time. samples:
+        number of samples published in this boot.
+        dropped, events: counts by label. trouble: reasons why the device cannot be read; () if it can.
+        While the device has not identified itself (identity None), boot is 0 and `trouble` gives the reason.
         """
         device, bridge, driver, place = self._names
         known, of_time = identity or _NOBODY, timeline.notices(identity) if identity else {}

@@ -1,4 +1,4 @@
-"""One device's thread: opens the device, reads it, queues its batches, and reopens it after a loss."""
+"""Thread of one device: opens the device, reads it, queues its batches, and reopens the device after a loss."""
 
 import logging
 import threading
@@ -27,9 +27,11 @@ _log = logging.getLogger(__name__)
 
 
 class Taken(NamedTuple):
-    """Result of `DeviceThread.take`: batches in order, boot number after them, whether the device sends (`there`).
+    """Result of `DeviceThread.take`: batches in order, boot number, and state of the device.
 
-    boot: 0 while the device has not identified itself. info: DeviceInfo, if asked for and at a new boot; else None.
+    boot: boot number after the batches; 0 while the device has not identified itself. there: True if the device sends
+    data.
+    info: DeviceInfo if requested or at a new boot, else None.
     """
 
     batches: list[SampleBatch]
@@ -39,13 +41,13 @@ class Taken(NamedTuple):
 
 
 class DeviceThread:
-    """A device and its reading thread. `take` may be called from any thread and never waits for the device.
+    """Reading thread of one device, with a bounded queue of batches. `take` never waits for the device.
 
-    The thread reads all available data, then pauses until `read_soon`, 50 ms at most. Data arriving meanwhile wait in
-    the system's buffers, which saves wake-ups.
-    Batches wait in a bounded queue; on overflow the oldest are dropped and counted.
-    A lost device is reopened every 0.1 s where the driver finds that cheap, as for an unplugged port. Other devices are
-    reopened at growing intervals, up to 2 s.
+    The thread reads all available data, then pauses until `read_soon` is called, but at most 50 ms. Data that arrive in
+    the pause wait in the operating system's buffers, which saves wake-ups.
+    When the queue exceeds 20,000 samples, the oldest batches are dropped and counted.
+    A lost device is reopened every 0.1 s if the driver reports that this is cheap, as for an unplugged port. Otherwise
+    the pauses grow up to 2 s.
     """
 
     def __init__(self, device: str, driver: Driver, intake: Intake) -> None:
@@ -70,13 +72,13 @@ class DeviceThread:
         self._thread.start()
 
     def read_soon(self) -> None:
-        """Wake the thread to read now, so that a `take` shortly after finds fresh data."""
+        """Wake the thread to read now, so that a `take` shortly afterwards finds fresh data."""
         self._due.set()
 
     def take(self, *, informed: bool = True) -> Taken:
-        """Return the batches queued since the last call, and the device's state; never waits.
+        """Return the batches queued since the last call, and the device's state; never waits for the device.
 
-        informed: return a DeviceInfo as well; a new boot always comes with one.
+        May be called from any thread. informed: True returns a DeviceInfo as well; a new boot always includes one.
         """
         with self._lock:
             batches = list(self._queue)
@@ -89,15 +91,15 @@ class DeviceThread:
             return Taken(batches, boot, self._there, info)
 
     def lose(self, batches: Iterable[SampleBatch]) -> None:
-        """Count batches that `take` returned, but that could not be published, as dropped."""
+        """Count as dropped the batches that `take` returned but that could not be published."""
         with self._lock:
             for batch in batches:
                 self._intake.overflowed(batch)
 
     def stop(self, timeout_s: float = 2.0, reason: Sentences = ()) -> None:
-        """Stop the thread and close the device, waiting up to timeout_s; batches already read can still be taken.
+        """Stop the thread and close the device, waiting up to timeout_s seconds; batches already read can still be taken.
 
-        reason: why no more will come, for the last DeviceInfo; empty where the device is to come back.
+        reason: why no more batches will come, for the last DeviceInfo; () if the device may come back.
         """
         self._stop.set()
         self._due.set()

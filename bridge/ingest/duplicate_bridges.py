@@ -1,4 +1,4 @@
-"""Devices sent by two bridges: the estimator takes one bridge's samples and refuses the other's."""
+"""Detection of devices that two bridges send: the estimator uses one bridge's samples and refuses the other's."""
 
 import contextlib
 import logging
@@ -18,9 +18,9 @@ _log = logging.getLogger(__name__)
 
 
 def said(devices: Sequence[str], owner: str, refused: Sequence[str]) -> Sentence:
-    """Return a sentence about devices that two bridges send, and what to do.
+    """Return a sentence that two bridges send the same devices, and what to do.
 
-    owner: the bridge whose samples are taken. refused: the other bridges. The sentence names the first few devices.
+    owner: the bridge whose samples are used. refused: the other bridges. The sentence names the first four devices.
     """
     params = {"devices": ", ".join(devices[:_MOST]), "owner": owner, "refused": ", ".join(refused)}
     if (left := len(devices) - _MOST) > 0:
@@ -29,7 +29,7 @@ def said(devices: Sequence[str], owner: str, refused: Sequence[str]) -> Sentence
 
 
 def found(statuses: Iterable[Status]) -> list[Sentence]:
-    """Return one sentence for each set of bridges that send the same devices now, from the devices' latest statuses."""
+    """Return one sentence for each set of bridges that send the same devices now. statuses: latest status of each device."""
     sets: dict[tuple[str, tuple[str, ...]], list[str]] = {}
     for status in statuses:
         if status.refused_bridges:
@@ -38,7 +38,7 @@ def found(statuses: Iterable[Status]) -> list[Sentence]:
 
 
 class DuplicateBridges:
-    """Tracks which devices of a bridge the estimators take from another bridge; logs the first time of each device."""
+    """Tracks which devices of a bridge the estimators receive from another bridge; logs the first time for each device."""
 
     def __init__(self, bus: Bus, ward: str, bridge: str) -> None:
         self._bridge, self._told = bridge, set[str]()

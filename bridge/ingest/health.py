@@ -1,4 +1,4 @@
-"""A bridge's health and metrics for the HTTP server, from the last DeviceInfo of each device."""
+"""Health and metrics of a bridge for its HTTP server, from the last DeviceInfo of each device."""
 
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -15,8 +15,8 @@ STUCK_S = 5.0
 class BridgeHealth:
     """Health and metrics of a bridge, for its HTTP server.
 
-    infos: returns the last DeviceInfo of each device. turned_s: returns the monotonic time, s, at which the bridge last
-    published. connected: returns whether a router is connected. routers: endpoints and certificate.
+    infos: returns the last DeviceInfo of each device. turned_s: returns the time at which the bridge last published, s
+    of the monotonic clock. connected: returns True if a router is connected. routers: router endpoints and certificate.
     """
 
     def __init__(
@@ -31,16 +31,22 @@ class BridgeHealth:
 
     @property
     def asked(self) -> HealthSource:
-        """Callbacks of the health server: metrics, liveness (`sick`) and readiness (`unready`)."""
+        """Callbacks for the health server: metrics, liveness (`sick`) and readiness (`unready`)."""
         return HealthSource(self.families, self.sick, self.unready)
 
     def sick(self) -> list[str]:
-        """Return the reasons, in words, why the bridge is not alive; [] if it is."""
+        """Return the reasons, in words, why the bridge is not alive; [] if it is.
+
+        The bridge is not alive if it has published nothing for more than 5 s.
+        """
         age = time.monotonic() - self._turned_s()
         return [f"nothing published for {age:.0f} s"] if age > STUCK_S else []
 
     def unready(self) -> list[str]:
-        """Return the reasons, in words, why the bridge cannot do its work now; [] if it can."""
+        """Return the reasons, in words, why the bridge cannot do its work now; [] if it can.
+
+        Reasons: not alive, no router connected, faults of the certificate, or no device that sends samples.
+        """
         why = self.sick()
         if not self._connected():
             why += ["the router is gone", *self._routers.faults()]
@@ -50,7 +56,7 @@ class BridgeHealth:
         return why
 
     def families(self) -> Iterator[MetricFamily]:
-        """Yield all metrics of the bridge for Prometheus, labelled by device and by reason of drops."""
+        """Yield all metrics of the bridge for Prometheus, with the labels device and, for dropped samples, reason."""
         infos = self._infos()
         yield from certificate(self._routers)
         yield MetricFamily(

@@ -1,7 +1,7 @@
-"""Intake of one device: events in, valid batches out, all other samples counted by reason.
+"""Intake of one device: converts a driver's events to valid batches, and counts all other samples by reason.
 
-Pure: no clock, no thread. Invariant since the boot began: samples_in = samples published + sum of dropped (readings
-still held for a possible gap are not yet in samples_in).
+No I/O, clock or thread. At any time since the boot began, samples_in = samples published + sum of dropped. Readings
+still held for a possible gap are not yet part of samples_in.
 """
 
 from dataclasses import replace
@@ -35,9 +35,9 @@ Bools = NDArray[np.bool_]
 
 
 class Intake:
-    """Turns the events of one device into valid batches, and counts all other samples by reason.
+    """Converts the events of one device to valid batches, and counts all other samples by reason.
 
-    Pass events to `take` in the order of arrival; `info` has the counts.
+    Pass events to `take` in the order of arrival; `info` returns the counts.
     """
 
     def __init__(self, device: str, bridge: str, driver: str, place: str) -> None:
@@ -67,18 +67,18 @@ class Intake:
 
     @property
     def boot(self) -> int | None:
-        """Published 64-bit boot number, never 0; None before the device has identified itself."""
+        """Published 64-bit boot number, never 0; None while the device has not identified itself."""
         if self._identity is None:
             return None
         return (self._identity.boot + self._unsaid * _ODD) % 2**64 or _INSTEAD_OF_0
 
     @property
     def has_clock(self) -> bool:
-        """True if the device is known to have a clock; without one, only receive times are known."""
+        """True if the device is known to have a clock; without one, sample times are derived from receive times."""
         return self._identity is not None and self._identity.has_clock
 
     def take(self, event: Event) -> list[SampleBatch]:
-        """Take one event of the driver; return the batches that it completes, in order."""
+        """Process one event of the driver; return the batches that it completes, in order."""
         if isinstance(event, Identity):
             return self._greet(event)
         if isinstance(event, Readings):
@@ -94,17 +94,17 @@ class Intake:
         return [batch for readings in self.timeline.release() for batch in self._read(readings)]
 
     def overflowed(self, batch: SampleBatch) -> None:
-        """Count the samples of a batch that was dropped before it could be published."""
+        """Count as dropped the samples of a batch that was discarded before it could be published."""
         if batch.boot == self.boot:
             self.samples -= len(batch)
             self.dropped.add(Reason.OVERFLOW, len(batch))
         self.events.add("overflows")
 
     def info(self, time_ns: int, faults: dict[str, int], trouble: Sentences = ()) -> DeviceInfo:
-        """Return the DeviceInfo at time_ns (since the Unix epoch), with boot 0 until the device has identified itself.
+        """Return the DeviceInfo at time_ns (ns since the Unix epoch); its boot is 0 until the device has identified itself.
 
-        faults: counts of the driver by label, added to the events. trouble: why the device cannot be read; () if it
-        can.
+        faults: the driver's counts by label, added to the events. trouble: reasons why the device cannot be read; () if
+        it can.
         """
         events, dropped = self.events.as_dict(), self.dropped.as_dict()
         # The driver may have counted the same change.

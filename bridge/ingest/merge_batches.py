@@ -1,4 +1,4 @@
-"""Merges consecutive batches of one device: fewer, larger messages cost bridge, router and subscribers less."""
+"""Merges consecutive batches of one device, because few large messages cost bridge, router and subscribers less."""
 
 from collections.abc import Sequence
 from typing import Any, TypeVar
@@ -13,9 +13,9 @@ T = TypeVar("T", bound="np.generic[Any]")
 
 
 def merged(batches: Sequence[SampleBatch]) -> list[SampleBatch]:
-    """Return the samples of consecutive batches in as few batches as possible, of at most MAX_SAMPLES each.
+    """Merge consecutive batches into as few batches as possible, of at most MAX_SAMPLES samples each.
 
-    A gap, a new boot, another tick period or other columns start a new batch.
+    A gap, a new boot, another tick period or a different set of columns starts a new batch.
     """
     groups: list[list[SampleBatch]] = []
     size = 0

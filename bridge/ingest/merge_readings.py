@@ -1,4 +1,4 @@
-"""Merges consecutive readings of one device before the intake, whose cost per call hardly depends on the size. Pure."""
+"""Merges consecutive readings of one device before the intake, whose cost per call hardly depends on the size. No I/O."""
 
 from collections.abc import Iterable
 

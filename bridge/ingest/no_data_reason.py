@@ -1,4 +1,4 @@
-"""Explains why an open device gives no samples: no bytes, or bytes of another protocol; and what to do."""
+"""Explains why an open device gives no samples (no bytes, or bytes of another protocol), with advice."""
 
 from collections.abc import Sequence
 
@@ -11,9 +11,9 @@ from bridge.transport.transport import Chunk
 
 
 def no_data_reason(driver: Driver, name: str) -> Sentences:
-    """Return sentences why an open device sends no samples (no bytes, or of another protocol), and what to do.
+    """Explain why an open device sends no samples (no bytes, or bytes of another protocol), with advice, as sentences.
 
-    The same while nothing changes. name: the driver's name in the configuration.
+    Repeated calls give equal sentences while nothing changes. name: the driver's name in the configuration.
     """
     if not isinstance(driver, StreamDriver):
         return (Code.NOTHING_UNDERSTOOD(place=driver.place),)
@@ -24,7 +24,7 @@ def no_data_reason(driver: Driver, name: str) -> Sentences:
 
 
 def ended(driver: Driver, name: str) -> Sentences:
-    """Return sentences why a capture ended without a sample, and what to do; () if it gave samples.
+    """Explain why a capture ended without a sample, with advice, as sentences; () if the capture had samples.
 
     name: the driver's name in the configuration.
     """

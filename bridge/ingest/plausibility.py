@@ -1,4 +1,4 @@
-"""Checks readings: columns of equal length, finite values, rates and accelerations within what a sensor can read."""
+"""Plausibility checks of readings: equal lengths, finite values, rates and accelerations within what a sensor can measure."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,9 +17,9 @@ Bools = NDArray[np.bool_]
 
 
 def fault(readings: Readings) -> Reason | None:
-    """Return why readings must be refused as a whole; None if acceptable.
+    """Return the reason to refuse readings as a whole; None if they are acceptable.
 
-    LENGTH: columns of different lengths, or no sample. RANGE: sequence number or ticks too large.
+    LENGTH: columns of different lengths, or no sample. RANGE: a sequence number or tick count is too large.
     """
     n, accel, temperature_c = len(readings.ticks), readings.accel, readings.temperature_c
     whole = (
@@ -37,10 +37,11 @@ def fault(readings: Readings) -> Reason | None:
 
 
 def sound(readings: Readings, gyro_range: float) -> tuple[Bools, Bools] | None:
-    """Return masks (n,) of the samples with finite and with plausible values; None if all are plausible.
+    """Return two masks (n,): samples with finite values, and samples with plausible values; None if all are plausible.
 
-    gyro_range: full scale in rad/s, 0 if unknown. Plausible: rates up to twice the full scale, accelerations to
-    MAX_ACCEL.
+    gyro_range: full-scale range in rad/s, 0 if unknown. Plausible on every axis: rates up to twice the full-scale range
+    and at most MAX_RATE (rad/s), accelerations up to MAX_ACCEL (m/s²). A sample with NaN or infinity is in neither
+    mask.
     """
     limit = _limit(gyro_range)
     # Almost always all pass; NaN fails the comparison.
@@ -56,7 +57,10 @@ def sound(readings: Readings, gyro_range: float) -> tuple[Bools, Bools] | None:
 
 
 def temperature(readings: Readings, run: slice) -> NDArray[np.float32] | None:
-    """Return the temperatures (n,) float32 °C of the samples `run`; None if there are none or one value is unusable."""
+    """Return the temperatures (n,) float32 °C of the samples `run`; None if there are none, or if one value is unusable.
+
+    Unusable: not a number, or beyond MAX_CELSIUS (°C) in magnitude.
+    """
     if readings.temperature_c is None:
         return None
     column = readings.temperature_c[run]
@@ -68,7 +72,7 @@ def _limit(gyro_range: float) -> float:
 
 
 def within(column: NDArray[np.floating], limit: float) -> bool:
-    """Return whether all magnitudes in a column (n, …) are at most `limit`, in the column's unit; false for NaN."""
+    """Return True if all magnitudes in a column (n,) or (n, 3) are at most `limit`, in the column's unit. False for NaN."""
     # A sum of squares below the squared limit proves it: the usual case, at a third of the cost.
     if column.size <= _FEW and np.vdot(column, column) <= _SURELY * limit * limit:
         return True
@@ -78,7 +82,7 @@ def within(column: NDArray[np.floating], limit: float) -> bool:
 def runs(n: int, good: Bools | None) -> list[slice]:
     """Return the unbroken runs of good samples, as slices into n samples, each at most MAX_SAMPLES long.
 
-    good: mask (n,); None if all are good.
+    good (n,): True for good samples; None if all are good.
     """
     edges = [0, n]
     if good is not None:

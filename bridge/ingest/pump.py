@@ -1,4 +1,4 @@
-"""Publishes all devices of one bridge: a thread takes each device's queue every batch_ms and puts it on the bus."""
+"""Pump: publishes all devices of one bridge. A thread takes the batches of each device every batch_ms and publishes them."""
 
 import itertools
 import logging
@@ -33,15 +33,18 @@ _log = logging.getLogger(__name__)
 
 
 def cached(batch_s: float) -> int:
-    """Return the number of messages per device that the publisher keeps for subscribers that missed them.
+    """Return the number of messages per device that a publisher caches for subscribers that missed them.
 
-    batch_s: seconds between two messages.
+    batch_s: time between two messages, s. The cache covers 30 s, but at most 3000 messages.
     """
     return min(max(1, round(_CACHE_S / batch_s)), _CACHE_MOST)
 
 
 def shares(devices: int) -> int:
-    """Return the number of groups into which this many devices are split; groups are published one after the other."""
+    """Return the number of groups into which this many devices are split; groups are published one after the other.
+
+    8 groups for up to 128 devices, else 1.
+    """
     return _SHARES if devices <= _SPREAD else 1
 
 
@@ -64,9 +67,9 @@ class DevicePublisher:
         self._said_at_s = self._looked_at_s = float("-inf")
 
     def looks(self, now_s: float) -> bool:
-        """Return whether it is time again, every 0.2 s, to check for a changed DeviceInfo. now_s: monotonic time.
+        """Return True if 0.2 s have passed since the last True: it is time to check for a changed DeviceInfo.
 
-        A true answer starts the next 0.2 s.
+        now_s: seconds of a monotonic clock.
         """
         due = now_s - self._looked_at_s >= _CHANGES_EVERY_S
         if due:
@@ -74,10 +77,12 @@ class DevicePublisher:
         return due
 
     def publish(self, taken: Taken, now_s: float, *, last: bool = False) -> None:
-        """Publish batches, with the DeviceInfo of a new boot before its first batch, and with last=True after the last.
+        """Publish batches and the DeviceInfo. The DeviceInfo of a new boot precedes the boot's first batch.
 
-        now_s: monotonic time. Raises BusError; `unsent` then holds the batches that were not put. The DeviceInfo has
-        boot 0 while the device has not identified itself; without taken.info none is published.
+        A DeviceInfo is published if it shows a change, or once a second. now_s: seconds of a monotonic clock.
+        last: True publishes the DeviceInfo after the last batch in any case.
+        While the device has not identified itself, the DeviceInfo has boot 0. If taken.info is None, none is published.
+        Raises BusError; `unsent` then holds the batches that were not published.
         """
         self.unsent = deque(merged(taken.batches))
         self._tell_alive(taken.boot if taken.boot and taken.there else None)
@@ -120,9 +125,9 @@ _Running = tuple[DeviceThread, DevicePublisher]
 
 
 class Pump:
-    """Runs a bridge: one thread per device, and one that publishes them all, for the length of a `with` block.
+    """Runs a bridge for the length of a `with` block: one thread per device, and one thread that publishes all devices.
 
-    config: the bridge's devices and batch time. The bus belongs to the caller.
+    config: the bridge's devices and publishing interval. The caller closes the bus.
     """
 
     def __init__(self, ward: str, config: Bridge, bus: Bus) -> None:
@@ -143,17 +148,17 @@ class Pump:
 
     @property
     def infos(self) -> list[DeviceInfo]:
-        """Last published DeviceInfo of each device."""
+        """Last published DeviceInfo of each device that has one."""
         return [publisher.said for _, publisher in self._all if publisher.said is not None]
 
     @property
     def over(self) -> bool:
-        """True if every device has ended for good, as played recordings do."""
+        """True if every device has ended for good, as replayed recordings do."""
         return all(thread.over for thread, _ in self._all)
 
     @property
     def refused(self) -> frozenset[str]:
-        """Ids of the devices whose samples the estimator takes from another bridge."""
+        """Ids of the devices whose samples the estimator uses from another bridge."""
         return frozenset(self._duplicates.refused)
 
     def __enter__(self) -> Self:
@@ -175,9 +180,9 @@ class Pump:
         self._alive.close()
 
     def change(self, devices: Sequence[Device]) -> None:
-        """Run these devices from now on: stop those not listed unchanged, and start the new ones.
+        """Replace the set of devices: stop those that are removed or changed, and start the new ones.
 
-        Unchanged devices keep running. The stopped devices' last samples are published.
+        Unchanged devices keep running. The last samples of a stopped device are published.
         """
         gone = [self._devices.pop(device) for device in self._devices.keys() - set(devices)]
         self._list()

@@ -1,7 +1,6 @@
-"""Sample times of one boot, by the device's clock and by the host's, and the measured sample rate.
+"""Sample times of one boot, by the device's clock and by the host's clock, and the measured sample rate.
 
-A device's own clock is used. For a device without a clock (`Identity.has_clock`), time is derived from the sample
-count.
+For a device without a clock (`Identity.has_clock`), the device time is derived from the sample count.
 """
 
 from typing import NamedTuple
@@ -22,11 +21,12 @@ _ODD_CLOCK = 0.02  # relative to the host's clock
 
 
 class SampleTimes(NamedTuple):
-    """Times of n samples received at once.
+    """Times of n samples that were received together.
 
-    ticks (n,): rising, of tick_period_s each. clock_rate: host seconds per second of ticks.
-    device_s (n,): times by the device's clock, s. last_ns: host time of the last sample, ns since the Unix epoch.
-    ns_per_s: host ns per device second. judged: the clock fit is good enough to tell late samples.
+    ticks (n,): device time, rising, in ticks of tick_period_s. clock_rate: host seconds per second of ticks.
+    device_s (n,): device time used by the clock fit, s. last_ns: host time of the last sample, ns since the Unix epoch.
+    ns_per_s: host ns per second of device_s. receive_time_ns: receive time of the last sample, ns since the Unix epoch.
+    judged: True if the clock fit is accurate enough to detect late samples.
     """
 
     ticks: Counts
@@ -40,7 +40,7 @@ class SampleTimes(NamedTuple):
 
     @property
     def time_s(self) -> NDArray[np.float64]:
-        """Device times (n,) of the samples in s: ticks times their period."""
+        """Device times (n,) of the samples in s: ticks times tick_period_s."""
         return np.asarray(self.ticks * self.tick_period_s, np.float64)
 
     def host_ns(self, at: int) -> int:
@@ -48,7 +48,10 @@ class SampleTimes(NamedTuple):
         return max(0, self.last_ns - round(float(self.device_s[-1] - self.device_s[at]) * self.ns_per_s))
 
     def late(self) -> NDArray[np.bool_] | None:
-        """Return a mask (n,) of samples received over 1 s after they were taken; None if none were."""
+        """Return a mask (n,), True for samples received more than 1 s after they were taken; None if there are none.
+
+        None also if the clock fit is not accurate enough.
+        """
         if not self.judged or self.receive_time_ns - self.host_ns(0) <= _LATE_NS:  # if any sample is late, the first is
             return None
         before_ns = np.rint((self.device_s[-1] - self.device_s) * self.ns_per_s).astype(np.int64)
@@ -56,10 +59,10 @@ class SampleTimes(NamedTuple):
 
 
 class SampleClock:
-    """Times of the samples and sample rate of one boot, fed with readings in the order of arrival. Pure.
+    """Sample times and sample rate of one boot, from readings in the order of arrival. No I/O.
 
     clock: fit of the device's clock to the host's. rate: measured sample rate.
-    changed: a sentence on the last change of the rate; None if it did not change.
+    changed: a sentence on the last change of the nominal rate; None if it did not change.
     """
 
     def __init__(self) -> None:
@@ -71,13 +74,13 @@ class SampleClock:
 
     @property
     def missing(self) -> int:
-        """Number of samples missing so far, by the silences of a device without a clock."""
+        """Number of samples missing so far in silences of a device without a clock."""
         return self._silences.missing
 
     def hold(self, readings: Readings, last_tick: int, identity: Identity) -> list[Readings]:
-        """Return the readings, held and new, to publish now; without a device clock, some wait after a silence.
+        """Return the readings, held and new, to publish now. After a silence of a device without a clock, some are held.
 
-        last_tick: unwrapped tick of the last new sample.
+        last_tick: unwrapped tick count of the last new sample.
         """
         device_s = (last_tick + self.missing) * identity.tick_period_s
         late_s = (readings.receive_time_ns - self.clock.host_ns(device_s)) * 1e-9 if self.clock.sure else 0.0
@@ -88,18 +91,20 @@ class SampleClock:
         return self._silences.release()
 
     def observe(self, sequence: int, tick: int, receive_time_ns: int, identity: Identity) -> bool:
-        """Add the last good sample of readings to the clock fit and the rate measurement.
+        """Add the last good sample of readings to the clock fit and to the measurement of the sample rate.
 
-        sequence, tick: unwrapped. Returns whether the measured rate begins to differ from the nominal one.
+        sequence, tick: unwrapped. receive_time_ns: receive time, ns since the Unix epoch. Returns True if the measured
+        sample rate begins to differ from the nominal one.
         """
         device_s = tick * identity.tick_period_s
         self.clock.observe(device_s, receive_time_ns)
         return self.rate.observe(sequence, device_s, self.clock.rate, identity.rate_hz)
 
     def told(self, before_hz: float, rate_hz: float) -> Sentence:
-        """Handle a sample rate that the device announced within a boot; return a sentence on the change. Rates in Hz.
+        """Process a new nominal sample rate that the device announced within a boot; return a sentence on the change.
 
-        The rate measurement restarts. A return to the first rate withdraws `changed`.
+        before_hz, rate_hz: nominal rates before and now. The rate measurement restarts. A return to the first rate
+        withdraws `changed`.
         """
         self.rate = SampleRateMeter()
         self._first_hz = self._first_hz or before_hz
@@ -108,9 +113,11 @@ class SampleClock:
         return said
 
     def stamps(self, ticks: Counts, receive_time_ns: int, identity: Identity) -> SampleTimes:
-        """Return the times of good samples from unwrapped, rising ticks (n,); `observe` has seen the last one.
+        """Return the times of good samples. Call `observe` with the last sample before.
 
-        receive_time_ns: host time at which the last one was received. identity: gives the tick period.
+        ticks (n,): tick counts, unwrapped and rising. receive_time_ns: receive time of the last sample, ns since the
+        Unix epoch.
+        identity: gives the tick period.
         """
         rate = self.clock.rate
         device_s = np.asarray(ticks * identity.tick_period_s, np.float64)
@@ -122,7 +129,7 @@ class SampleClock:
         return SampleTimes(*shown, device_s, last_ns, rate * 1e9, receive_time_ns, self.clock.sure)
 
     def notices(self, identity: Identity) -> Sentences:
-        """Return sentences for people about the device's time and sample rate; () if all is as stated."""
+        """Return sentences for the user about the device's time and sample rate; () if they are as the device states."""
         notices = [] if self.changed is None else [self.changed]
         clock, told, measured = self.clock, f"{identity.rate_hz:.4g}", f"{self.rate.hz:.4g}"
         if not identity.has_clock and clock.measured:
@@ -139,8 +146,8 @@ class SampleClock:
 class SampleRateMeter:
     """Measures the sample rate of one boot, and compares it with the nominal rate.
 
-    hz: samples per host second over about the last ten seconds, missing samples included; 0 until known.
-    differs: whether hz is more than 2 % off the nominal rate.
+    hz: samples per second of host time over a window of 1 to 10 s, missing samples included; 0 until known.
+    differs: True once hz is more than 2 % off the nominal rate, until it is within 1 %.
     """
 
     def __init__(self) -> None:
@@ -149,9 +156,10 @@ class SampleRateMeter:
         self._since: tuple[int, float] | None = None  # sequence and device time at the start of the window
 
     def observe(self, sequence: int, device_s: float, clock_rate: float, nominal_hz: float) -> bool:
-        """Add a sample by its number and device time; return whether the rate begins to differ from the nominal one.
+        """Add a sample by its number and device time; return True if the rate begins to differ from the nominal one.
 
-        clock_rate: host seconds per device second. nominal_hz: 0 if unknown.
+        sequence: unwrapped number of the sample. device_s: device time, s. clock_rate: host seconds per device second.
+        nominal_hz: nominal sample rate, Hz; 0 if unknown.
         """
         if self._since is None:
             self._since = (sequence, device_s)

@@ -1,8 +1,9 @@
-"""Flags readings of a faulty sensor: clipped at full scale, stuck at one value, or with a temperature step.
+"""Detects readings of a faulty sensor: clipped at full scale, stuck at one value, or with a temperature step.
 
-A sensor is stuck if all three axes repeat k times in a row. k makes a false alarm of a healthy sensor rarer than 1e-5
-in a hundred device years. k follows from the device's own noise and quantisation step, measured at rest. A sensor whose
-step is coarser than its noise may repeat itself and is never called stuck.
+A sensor is stuck if the readings of all three axes repeat k times in a row. k is chosen so that a healthy sensor causes
+fewer than 1e-5 false alarms in a hundred device years. It follows from the device's noise and quantisation step,
+measured at rest. A sensor whose quantisation step is coarser than its noise may repeat itself, and is never reported as
+stuck.
 """
 
 from math import ceil, inf, log, pi, radians, sqrt
@@ -32,7 +33,10 @@ Flags = NDArray[np.uint32]
 
 
 class SensorFaults:
-    """Flags readings of a faulty sensor in one boot, in order and in any batching. events: counts flagged samples."""
+    """Flags readings of a faulty sensor within one boot. Splitting the readings into batches differently changes no flag.
+
+    events: number of flagged samples, by label.
+    """
 
     def __init__(self, events: Tally) -> None:
         self._events = events
@@ -47,10 +51,12 @@ class SensorFaults:
         gyro_range: float,
         clipped: Bools | None = None,
     ) -> Flags:
-        """Return SampleFlag bits (n,) uint32 of n ≥ 1 good readings: clipped, stuck, temperature step.
+        """Return the SampleFlag bits (n,) uint32 of n ≥ 1 good readings: clipped, stuck, temperature step.
 
-        time_s (n,): device time, s. gyro (n, 3) rad/s. temperature_c (n,) °C, or None. gyro_range: full scale in rad/s,
-        0 if unknown. clipped (n,): samples that the device itself reports as clipped.
+        time_s (n,): device time, s. gyro (n, 3): rad/s, sensor frame. temperature_c (n,): °C, or None. gyro_range:
+        full-scale range in rad/s, 0 if unknown. clipped (n,): True for samples that the device itself reports as
+        clipped.
+        A sample counts as clipped if an axis reaches 99 % of the full-scale range.
         """
         flags = np.zeros(len(gyro), np.uint32)
         if gyro_range and not within(gyro, _NEARLY * CLIPPED_AT * gyro_range):
@@ -70,7 +76,7 @@ class SensorFaults:
 
 
 class Repeats:
-    """Finds stuck readings: those that repeat the previous reading on all axes too many times in a row."""
+    """Finds stuck readings: those that repeat the previous reading on all axes more often in a row than chance explains."""
 
     def __init__(self) -> None:
         self._last = np.full((1, 3), np.nan)
@@ -85,15 +91,16 @@ class Repeats:
 
     @property
     def needed(self) -> float:
-        """Number of repeats in a row that mean a stuck sensor; infinite until the sensor's noise is known."""
+        """Number of repeats in a row that indicate a stuck sensor; infinite until the sensor's noise is known."""
         if self._needed is None:
             self._needed = self._noise.repeats(self._rate_hz)
         return self._needed
 
     def seen(self, time_s: Floats, gyro: Floats) -> Bools:
-        """Return a mask (n,) of stuck samples in the next readings (n, 3), taken at time_s (n,), s.
+        """Return a mask (n,), True for stuck samples, of the next readings.
 
-        Seconds are cut by time, so batching changes nothing.
+        gyro (n, 3): rad/s. time_s (n,): device time, s. The noise is learnt from seconds of device time, so batching
+        does not change the result.
         """
         stuck = np.zeros(len(gyro), bool)
         begin = 0
@@ -141,7 +148,7 @@ class Repeats:
 
 
 class SelfRepetition:
-    """Estimates, per axis, how often a healthy sensor repeats a reading at rest, and how many repeats are a fault."""
+    """Estimates, per axis, how often a healthy sensor repeats a reading at rest, and how many repeats indicate a fault."""
 
     def __init__(self) -> None:
         # Rms difference of two readings, in quantisation steps: of the quietest second; lowest median of ten seconds.
@@ -150,7 +157,7 @@ class SelfRepetition:
         self._pairs, self._equal, self._tried, self._again = (np.zeros(3) for _ in range(4))
 
     def learn(self, gyro: Floats) -> None:
-        """Update the sensor's noise and repeats from one second of readings (n, 3), rad/s, at rest."""
+        """Update the sensor's noise and counts of repeats from one second of readings at rest. gyro (n, 3): rad/s."""
         change = np.abs(np.diff(gyro, axis=0))
         step = np.where(change > 0, change, inf).min(axis=0)
         self._ten.append(np.sqrt(np.mean(change**2, axis=0)) / step)
@@ -165,12 +172,15 @@ class SelfRepetition:
         self._again += (equal[:-1] & equal[1:]).sum(axis=0)
 
     def repeats(self, rate_hz: float) -> float:
-        """Return the number of repeats of all axes in a row that chance does not explain; infinite where it may.
+        """Return the number of repeats of all axes in a row that chance does not explain.
 
-        Chance: 1e-5 false alarms in a hundred device years, at rate_hz samples per second.
-        The probability comes from the Gaussian difference of two readings, or from counted repeats where those are
-        surely more. Filtered noise, and sensors read more often than they measure, repeat more often than white noise;
-        a second repeat is then likelier still.
+        Infinite if chance may explain any number, or until ten seconds at rest are known. rate_hz: sample rate.
+        Limit: 1e-5 false alarms in a hundred device years.
+        Method: the probability of a repeat on one axis is 1 / (√(2π) σ). σ is the rms difference of two successive
+        readings at rest, in quantisation steps, taken as Gaussian. Where counted repeats show a larger probability with
+        confidence, its lower bound is used instead, separately for the first repeat and for the following ones.
+        Filtered noise, and sensors that are read more often than they measure, repeat more often than white noise.
+        An axis whose σ falls below 1.5 counts as always repeating. The probabilities of the three axes are multiplied.
         """
         if not np.isfinite(self._quiet).all():
             return inf
@@ -191,15 +201,15 @@ def _at_least(happened: Floats, tried: Floats) -> Floats:
 
 
 class Warmth:
-    """Finds implausible temperature steps: over 2 K plus 1 K for each second since the last accepted temperature."""
+    """Finds implausible temperature steps: more than 2 K, plus 1 K per second since the last accepted temperature."""
 
     def __init__(self) -> None:
         self._believed: tuple[float, float] | None = None  # time s, °C
 
     def leapt(self, time_s: Floats, temperature_c: Floats) -> Bools:
-        """Return a mask (n,) of temperatures (n,) °C that are implausible, at device times time_s (n,), s.
+        """Return a mask (n,), True for implausible temperatures. temperature_c (n,): °C. time_s (n,): device time, s.
 
-        A new level is accepted once enough time has passed to reach it.
+        A new level is accepted once enough time has passed to reach it at 1 K/s.
         """
         at_s, believed_c = self._believed or (float(time_s[0]), float(temperature_c[0]))
         leaps = np.zeros(len(temperature_c), bool)

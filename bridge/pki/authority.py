@@ -1,11 +1,14 @@
-"""Certificate authority for a ward without its own: X.509 with the `cryptography` package. Pure; PEM in, PEM out.
+"""Certificate authority for a ward: creates X.509 certificates with the package `cryptography`. PEM bytes in and out, no I/O.
 
-Keys are ECDSA on P-256, in PKCS 8. A router's certificate allows server and client authentication, the latter to join other
-routers. A page's allows server authentication only. All other certificates allow client authentication only, so that a stolen
-bridge cannot pose as a router.
+Keys are ECDSA on P-256, in PKCS 8. Extended key usages:
 
-Each member has its own issuer between itself and the authority. A router trusts the issuers of its members, without those of
-revoked members. Issuers' keys stay beside the authority's key, so issuers have no further restriction on what they sign.
+- router: server and client authentication; the latter is for connections to other routers
+- page: server authentication only
+- all other roles: client authentication only, so that a stolen bridge cannot pose as a router
+
+Each member has its own issuer, an intermediate authority below the ward's authority. A router trusts the issuers of its
+members, without those of revoked members. Issuers' keys stay beside the authority's key, so no further restriction on
+what an issuer may sign is needed.
 """
 
 import ipaddress
@@ -34,16 +37,17 @@ _NAME = re.compile(rf"(?:\*\.)?(?:{_LABEL}\.)*(?!\d+\Z){_LABEL}\Z", re.IGNORECAS
 
 @dataclass(frozen=True, slots=True)
 class Pair:
-    """A certificate and its private key as PEM bytes. An issued certificate is followed by its issuer's."""
+    """Certificate and its private key, as PEM bytes. A member's certificate is followed by its issuer's certificate."""
 
     certificate: bytes
     key: bytes
 
 
 def new_authority(name: str, now: datetime, days: int = CA_DAYS) -> Pair:
-    """Create a self-signed certificate authority and return its certificate and key.
+    """Create a self-signed certificate authority; return its certificate and key.
 
-    name: its common name. now: datetime in UTC. days: validity in days; the validity begins 5 minutes before `now`.
+    name: common name of the authority. now: datetime in UTC. days: end of the validity, in days after `now`; the
+    validity begins 5 minutes before `now`.
     """
     key = ec.generate_private_key(ec.SECP256R1())
     made = _begun(name, _subject(name), key, now - EARLIER, now + timedelta(days=days), below=1)
@@ -51,9 +55,9 @@ def new_authority(name: str, now: datetime, days: int = CA_DAYS) -> Pair:
 
 
 def new_issuer(authority: Pair, member: Member) -> Pair:
-    """Create the issuer, an intermediate authority, that signs the certificates of one member.
+    """Create the issuer (intermediate authority) that signs the certificates of one member; return its certificate and key.
 
-    Returns its certificate and key; it is valid as long as the authority.
+    The issuer is valid as long as the authority.
     """
     ca, key = x509.load_pem_x509_certificate(authority.certificate), ec.generate_private_key(ec.SECP256R1())
     name = f"{ISSUER_OF}{member.common_name}"
@@ -73,10 +77,11 @@ def issue(
 ) -> Pair:
     """Issue a member's certificate, followed by its issuer's certificate in the same PEM.
 
-    authority: signs; a member's issuer, or an authority. begins, ends: validity, UTC.
-    hosts: names and addresses of a router or page; clients refuse it under any other name. key: PEM of the private key;
-    None for a new key. usages: extended key usages; by default those of the role.
-    Raises ValueError for invalid hosts, an invalid key, or an end after the authority's.
+    authority: the signer, which is the member's issuer or an authority. begins, ends: validity period, datetimes in
+    UTC.
+    hosts: host names and IP addresses of a router or page; clients refuse the certificate under any other name.
+    key: PEM of the private key; None creates a new key. usages: extended key usages; by default those of the role.
+    Raises ValueError for invalid hosts, an invalid key, or an end later than the authority's.
     """
     names = check_hosts(member, hosts)
     ca = x509.load_pem_x509_certificate(authority.certificate)
@@ -96,7 +101,7 @@ def issue(
 
 
 def check_hosts(member: Member, hosts: Sequence[str]) -> list[x509.GeneralName]:
-    """Return a certificate's subject alternative names: the hosts, else a URI with the member's common name.
+    """Return a certificate's subject alternative names: the hosts, or without hosts a URI with the member's common name.
 
     Raises ValueError for a router or page without hosts, and for an invalid host.
     """

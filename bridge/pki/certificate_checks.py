@@ -1,4 +1,4 @@
-"""Checks of a certificate, its key and its authorities before a connection; faults are sentences for a person."""
+"""Checks of a certificate, its key and its authorities before a connection. Faults are returned as English sentences."""
 
 import stat
 from collections.abc import Iterator, Sequence
@@ -34,7 +34,7 @@ ISSUER_OF = "issuer of "
 
 
 def certificates(path: str) -> list[x509.Certificate]:
-    """Read all certificates of a PEM file, the holder's own first. Raises ValueError for an unreadable file."""
+    """Read all certificates of a PEM file, the holder's own first. Raises ValueError for an unreadable or invalid file."""
     try:
         found = x509.load_pem_x509_certificates(content(path))
         for one in found:
@@ -55,13 +55,13 @@ def certificates(path: str) -> list[x509.Certificate]:
 
 
 def common_name(certificate: x509.Certificate) -> str:
-    """Return the common name of a certificate; empty if it has none."""
+    """Return the common name of a certificate; "" if it has none."""
     found = certificate.subject.get_attributes_for_oid(NameOID.COMMON_NAME)
     return str(found[0].value) if found else ""
 
 
 def hosts_of(certificate: x509.Certificate) -> list[str]:
-    """Return the host names and IP addresses of a router's or page's certificate; empty if it names none.
+    """Return the host names and IP addresses of a router's or page's certificate; [] if it names none.
 
     The certificate holds them as subject alternative names.
     """
@@ -73,9 +73,9 @@ def hosts_of(certificate: x509.Certificate) -> list[str]:
 
 
 def signer(path: str) -> bytes:
-    """Return the second certificate of a PEM file as PEM bytes: the issuer of the first.
+    """Return the second certificate of a PEM file, which is the issuer of the first, as PEM bytes.
 
-    Raises ValueError for an unreadable file, and for one with a single certificate.
+    Raises ValueError for an unreadable file, and for a file with a single certificate.
     """
     found = certificates(path)
     if len(found) < 2:
@@ -99,7 +99,8 @@ def member_of(identity: Identity) -> Member:
 def lasts(identity: Identity) -> Validity:
     """Return the validity period of a certificate chain: that of the certificate in it that expires first.
 
-    Of several trusted authorities, the one that expires last counts. Raises ValueError for an unreadable file.
+    If several trusted authorities could sign the chain, the one that expires last counts.
+    Raises ValueError for an unreadable file.
     """
     chain, ends = _chain(certificates(identity.certificate), certificates(identity.ca))
     latest = sorted(map(lasts_of, ends), key=lambda one: one.ends)[-1:]
@@ -107,16 +108,16 @@ def lasts(identity: Identity) -> Validity:
 
 
 def lasts_of(certificate: x509.Certificate) -> Validity:
-    """Return the validity period of a single certificate in UTC, regardless of its issuers."""
+    """Return the validity period of a single certificate in UTC, without regard to its issuers."""
     return Validity(certificate.not_valid_before_utc, certificate.not_valid_after_utc)
 
 
 def faults(identity: Identity, now: datetime, roles: tuple[Role, ...] = tuple(Role)) -> list[str]:
-    """Check an identity's certificate, key, chain and file permissions.
+    """Check an identity's certificate, key, chain and file permissions; return all faults as sentences, [] if there are none.
 
-    Return all faults as sentences that begin with the file.
-    now: datetime with time zone. roles: the accepted roles. Empty if the identity is valid at `now` for one of the
-    roles.
+    Each sentence begins with the path of the file. now: time at which the chain must be valid, a datetime with time
+    zone.
+    roles: roles accepted in the certificate.
     """
     try:
         trusted = certificates(identity.ca)

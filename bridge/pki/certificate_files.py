@@ -1,4 +1,4 @@
-"""Paths of a certificate's files, and its validity period; certificate_checks.py checks the content."""
+"""Paths of a program's certificate files, and validity periods. `certificate_checks` checks the content of the files."""
 
 from dataclasses import dataclass
 from datetime import datetime, timedelta
@@ -11,20 +11,23 @@ _SOON = timedelta(days=14)
 
 @dataclass(frozen=True, slots=True)
 class Validity:
-    """Validity period of a certificate, in UTC."""
+    """Validity period of a certificate. begins, ends: datetimes in UTC."""
 
     begins: datetime
     ends: datetime
 
     @property
     def soon(self) -> datetime:
-        """Time from which to renew: 14 days before the end, or the last third of a short validity."""
+        """Time from which the certificate should be renewed, a datetime in UTC.
+
+        14 days before the end, or at the last third of a validity period shorter than 42 days.
+        """
         return self.ends - min(_SOON, (self.ends - self.begins) / 3)
 
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """Paths of a program's PEM files: the trusted authorities, the certificate, and its private key."""
+    """Paths of a program's PEM files: trusted authorities (ca), certificate, and private key."""
 
     ca: str
     certificate: str
@@ -32,9 +35,9 @@ class Identity:
 
 
 def identities_in(folder: Path) -> dict[Member, Identity]:
-    """Find the certificates `ROLE.NAME.pem` in a machine's folder.
+    """Find the certificates `ROLE.NAME.pem` in a machine's folder; return the paths of their files by member.
 
-    Returns the paths by member, of the newest generation of each member. The content is not read.
+    Only the newest generation of each member is returned. The content of the files is not read.
     """
     found = dict[tuple[str, str], Member]()
     for path in folder.glob("*.*.pem"):

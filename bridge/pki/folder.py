@@ -1,7 +1,7 @@
-"""Folder of a certificate authority: its pair, a pair and an issuer per member, and the revoked names.
+"""Folder of a ward's certificate authority: its certificate and key, those of each member and issuer, and revoked names.
 
-Each file is written under a temporary name, then renamed: complete or not at all. A renewal keeps the private key, so that
-only one file changes and the certificate always matches its key. Private keys have mode 0600 from their first byte on.
+Each file is written under a temporary name and then renamed, so it is complete or absent. A renewal keeps the private
+key: only the certificate file changes, and it always matches its key. Private keys are created with mode 0600.
 """
 
 from collections.abc import Iterable, Iterator
@@ -31,7 +31,8 @@ class Folder:
     def make(self, name: str, now: datetime) -> None:
         """Create the authority's certificate and key. Raises ValueError if the folder has an authority already.
 
-        name: the authority's common name. now: present time, a datetime in UTC; the validity begins EARLIER before it.
+        name: the authority's common name. now: present time, a datetime in UTC; the validity begins 5 minutes before
+        `now`.
         """
         if any((self.path / there).exists() for there in (f"{_CA}.pem", f"{_CA}.key", _ISSUERS)):
             raise ValueError(
@@ -41,11 +42,11 @@ class Folder:
         _keep(self.path / _CA, new_authority(name, now))
 
     def issue(self, member: Member, now: datetime, days: int = DAYS, hosts: tuple[str, ...] = ()) -> Identity:
-        """Issue the first certificate and key of a member, in its current generation, and return the paths.
+        """Issue the first certificate and key of a member, in its current generation; return the paths of the files.
 
-        now: present time, a datetime in UTC; the validity begins EARLIER before it. days: validity in days. hosts: names
-        and addresses of a router or page. Raises ValueError if the member has a certificate, a host is invalid or the
-        authority ends earlier.
+        now: present time, a datetime in UTC; the validity begins 5 minutes before `now`. days: end of the validity, in
+        days after `now`. hosts: host names and IP addresses of a router or page.
+        Raises ValueError if the member has a certificate, a host is invalid, or the authority expires earlier.
         """
         member = self.current(member)
         files = self.identity(member)
@@ -57,11 +58,12 @@ class Folder:
         return files
 
     def renew(self, member: Member, now: datetime, days: int | None = None) -> Identity:
-        """Renew a certificate with the same name, key, hosts and issuer, and return the paths.
+        """Renew a certificate with the same name, key, hosts and issuer; return the paths of the files.
 
-        now: present time, a datetime in UTC; the validity begins EARLIER before it. days: validity; by default as long as
-        that of the old certificate, but not beyond the authority's end. Raises ValueError if the certificate or key is
-        missing, or the authority has expired.
+        now: present time, a datetime in UTC; the validity begins 5 minutes before `now`. days: end of the validity, in
+        days after `now`; by default as long as for the old certificate, but not beyond the authority's end.
+        Raises ValueError if the certificate or key is missing, or if the authority has expired or expires before
+        `days`.
         """
         member = self.current(member)
         files = self.identity(member)
@@ -86,10 +88,9 @@ class Folder:
         return files
 
     def issuer(self, member: Member) -> Pair:
-        """Return certificate and key of the issuer that signs a member's certificates.
+        """Return certificate and key of the issuer that signs a member's certificates; create the issuer if there is none.
 
-        Create the issuer if there is none.
-        Raises ValueError if the folder has no authority to create it.
+        Raises ValueError if an issuer must be created and the folder has no authority.
         """
         here = self.path / _ISSUERS / member.file
         if not Path(f"{here}.pem").exists():
@@ -101,18 +102,19 @@ class Folder:
         return _pair(here)
 
     def admit(self, router: Member, members: Iterable[Member]) -> None:
-        """Write the PEM file of issuers that a router trusts: those of its members and its own.
+        """Write the PEM file of issuers that a router trusts: those of its members and its own. `gate` returns the file's path.
 
-        `gate` has the file's path.
+        Raises ValueError if the certificate file of the router or of a member is unreadable.
         """
         issuers = [signer(self.identity(member).certificate) for member in (router, *members)]
         whole_file.write(Path(self.gate(router).ca), b"".join(issuers), 0o644)
 
     def revoke(self, member: Member, now: datetime, why: str) -> Member:
-        """Revoke the current generation of a member and return that generation.
+        """Revoke the certificate of a member's current generation; return the revoked member.
 
-        New router rules must not name the generation any more. now: time of the revocation, a datetime in UTC. why:
-        reason, kept in the file of revoked names. Raises ValueError if the member has no certificate.
+        The access rules of routers must be written again without that generation. now: time of the revocation, a
+        datetime in UTC. why: reason, stored in the file of revoked names. Raises ValueError if the member has no
+        certificate.
         """
         member = self.current(member)
         if not Path(self.identity(member).certificate).exists():
@@ -126,7 +128,7 @@ class Folder:
     def revoked(self) -> dict[str, str]:
         """Return the revoked certificates: time (UTC) and reason in one text, by common name.
 
-        Raises ValueError for a line of the file that names no valid member.
+        Raises ValueError if a line of the file does not begin with a valid common name, or if the file is not UTF-8.
         """
         found = dict(line.partition(" ")[::2] for line in self._lines())
         for name in found:
@@ -137,9 +139,9 @@ class Folder:
         return found
 
     def current(self, member: Member) -> Member:
-        """Return the first generation of a member that is not revoked.
+        """Return the member in its first generation that is not revoked.
 
-        Raises ValueError if a later generation has a certificate: then the list of revoked names is incomplete.
+        Raises ValueError if a later generation has a certificate: the list of revoked names is then incomplete.
         """
         revoked, generation = self.revoked(), 1
         while (now := Member(member.role, member.name, generation)).common_name in revoked:
@@ -174,10 +176,7 @@ class Folder:
         return Identity(str(self.path / f"{_CA}.pem"), f"{here}.pem", f"{here}.key")
 
     def gate(self, router: Member) -> Identity:
-        """Return the paths of a router's certificate and key, and of the issuers it trusts.
-
-        `admit` writes the latter.
-        """
+        """Return the paths of a router's certificate and key, and of the file of issuers that the router trusts (`admit`)."""
         return replace(self.identity(router), ca=str(self.path / f"{router.file}{_MEMBERS}"))
 
     def _none(self) -> ValueError:
@@ -197,7 +196,7 @@ class Folder:
 
 
 def utc_now() -> datetime:
-    """Return the current time in UTC, in whole seconds as in certificates."""
+    """Return the current time, a datetime in UTC in whole seconds, as certificates store it."""
     return datetime.now(UTC).replace(microsecond=0)
 
 

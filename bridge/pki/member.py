@@ -1,4 +1,4 @@
-"""Member of a ward: role and name, as in the common name of a certificate. Pure."""
+"""Member of a ward: role and name of a program, as in the common name of its certificate. No I/O."""
 
 from dataclasses import dataclass
 from enum import Enum
@@ -9,7 +9,7 @@ from bridge.wire.refusal import Refusal
 
 
 class Role(Enum):
-    """Role of a certificate's holder, which determines its rights. The value appears in common names and file names."""
+    """Role of a certificate's holder, which determines its access rights. The value is part of common names and file names."""
 
     BRIDGE = "bridge"
     ESTIMATOR = "estimator"
@@ -22,10 +22,7 @@ class Role(Enum):
 
     @property
     def serves(self) -> bool:
-        """True if other programs connect to the holder, by the hosts in its certificate.
-
-        True for a router and a page.
-        """
+        """True if other programs connect to the holder, by the hosts in its certificate: for a router and a page."""
         return self in (Role.ROUTER, Role.PAGE)
 
 
@@ -33,7 +30,7 @@ class Role(Enum):
 class Member:
     """Holder of a certificate: role, name and generation.
 
-    zenoh cannot read lists of revoked certificates; its access rules name common names. A revoked common name is therefore
+    zenoh cannot read lists of revoked certificates; its access rules name common names. So a revoked common name is
     never used again. Its holder gets the next generation of the name, and the rules name only that generation.
     """
 
@@ -43,7 +40,7 @@ class Member:
 
     @property
     def common_name(self) -> str:
-        """Common name in the certificate and in the router's rules: `bridge:bridge-1`, later `bridge:bridge-1:2`."""
+        """Common name in the certificate and in router rules: `bridge:bridge-1`, or `bridge:bridge-1:2` in generation 2."""
         return f"{self.label}:{self.generation}" if self.generation > 1 else self.label
 
     @property
@@ -60,7 +57,7 @@ class Member:
     def parse(cls, text: str) -> Self:
         """Parse a common name, such as `bridge:bridge-1` or `bridge:bridge-1:2`.
 
-        Raises ValueError with the expected format.
+        Raises ValueError, with the expected format, for any other text.
         """
         role, _, rest = text.partition(":")
         name, _, generation = rest.partition(":")

@@ -1,1 +1,1 @@
-"""Reasons as codes with parameters, and the catalogue that turns codes into text, with one file per language."""
+"""Reasons as codes with parameters, and the catalogue that translates codes to text, with one file per language."""

@@ -1,4 +1,4 @@
-"""Catalogue of texts: turns reason codes and labels into text, from one TOML file per language in this folder."""
+"""Catalogue of texts: translates reason codes and labels to text, from one TOML file per language in this folder."""
 
 import tomllib
 from collections.abc import Iterable
@@ -14,7 +14,7 @@ _FOLDER = Path(__file__).parent
 
 
 class Catalogue:
-    """Texts of one language: for reason codes (`sentences`) and for counted labels (`labels`).
+    """Texts of one language: for reason codes (`sentences`) and for labels of counts (`labels`).
 
     language: one of LANGUAGES.
     """
@@ -28,13 +28,13 @@ class Catalogue:
         self._unknown: str = texts["unknown"]
 
     def text(self, sentences: Iterable[Sentence]) -> str:
-        """Return the text of all sentences, in order and joined; an unknown code is shown with its parameters."""
+        """Return the text of all sentences, joined in order. An unknown code is shown with its parameters."""
         return self._join.join(map(self._sentence, sentences))
 
     def label(self, label: str) -> str:
-        """Return the words for a counted label, such as `gaps`, to follow a number.
+        """Return the words for the label of a count, such as `gaps`, to follow a number.
 
-        A label `kind: reason` is two labels.
+        A label `kind: reason` is translated in its two parts.
         """
         return ": ".join(self.labels.get(part, part.replace("_", " ")) for part in label.split(": "))
 
@@ -51,7 +51,7 @@ class Catalogue:
 
 @cache
 def catalogue(language: str) -> Catalogue:
-    """Return the texts of a language, one of LANGUAGES; each language is loaded once."""
+    """Return the texts of a language, one of LANGUAGES. Each language is loaded only once."""
     return Catalogue(language)
 
 
@@ -66,10 +66,10 @@ def english(*sentences: Sentence) -> str:
 
 
 def in_words(label: str) -> str:
-    """Return the English words for a counted label, such as `gaps`, to follow a number."""
+    """Return the English words for the label of a count, such as `gaps`, to follow a number."""
     return catalogue(LANGUAGES[0]).label(label)
 
 
 def sentences_as_json(sentences: Sentences) -> list[dict[str, Any]]:
-    """Return sentences as JSON objects (dicts) with code, params and the English text."""
+    """Return sentences as JSON objects (dicts) with code, parameters and English text."""
     return [{"code": str(one.code), "params": one.params, "text": english(one)} for one in sentences]

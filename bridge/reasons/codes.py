@@ -5,12 +5,9 @@ from typing import NamedTuple, Self
 
 
 class Sentence(NamedTuple):
-    """A reason: a code and its parameters by name, each formatted as text.
+    """Reason for a result or a state: a code, and its parameters as text, by name. The catalogue translates it to a sentence.
 
-    The catalogue turns a sentence into the words of a language.
-
-    A parameter's name ends in its unit (`angle_deg`, `duration_s`). The parameter named `label` is a label of the
-    catalogue.
+    A parameter's name ends in its unit (`angle_deg`, `duration_s`). The parameter `label` is a label of the catalogue.
     """
 
     code: str
@@ -24,7 +21,8 @@ Sentences = tuple[Sentence, ...]
 class Code(StrEnum):
     """Reason codes of bridge and estimator, each with the names of its parameters (`params`).
 
-    Calling a code makes its sentence: `Code.TURN_TAKEN(axis="x")`. The catalogue has the texts.
+    Calling a code creates a Sentence: `Code.TURN_TAKEN(axis="x")`. The catalogue has the texts.
+    Raises TypeError if the given parameters are not exactly those of the code.
     """
 
     params: tuple[str, ...]

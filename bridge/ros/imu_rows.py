@@ -1,6 +1,6 @@
-"""Joins the messages about the same samples: readings, corrected rates and orientation become one row per sample. Pure.
+"""Combines readings, corrected rates and orientations of the same samples into one row per sample. No I/O.
 
-A corrected batch waits for the acceleration and the orientation of its samples, but at most WAIT_S.
+A corrected batch waits for the acceleration and the orientation of its samples, but at most WAIT_S seconds.
 """
 
 from collections import defaultdict, deque
@@ -26,12 +26,12 @@ Said = SampleBatch | CorrectedBatch | OrientationBatch
 
 
 class ImuRows(NamedTuple):
-    """Consecutive samples of one boot of a device, one row each. NaN marks what is unknown of a sample.
+    """Consecutive samples of one boot of a device, one row per sample. NaN marks values that a sample lacks.
 
     boot: boot id. sequence: sequence number of the first sample. time_ns (n,): host time, ns since the Unix epoch.
-    rate (n, 3): rad/s, sensor frame; rate_var (n, 3): its variance, (rad/s)², None if unknown.
-    accel (n, 3): specific force, m/s², sensor frame. quat_wxyz (n, 4): sensor to earth, scalar first.
-    attitude_cov (3, 3): rad², about earth axes; zero if unknown.
+    rate (n, 3): angular rate, rad/s, sensor frame; rate_var (n, 3): its variance, (rad/s)², None if unknown.
+    accel (n, 3): specific force, m/s², sensor frame. quat_wxyz (n, 4): rotation from sensor to earth, scalar first.
+    attitude_cov (3, 3): covariance of the orientation, rad², about earth axes; zero if unknown.
     """
 
     device: str
@@ -46,7 +46,7 @@ class ImuRows(NamedTuple):
 
 
 def reading_rows(batch: SampleBatch) -> ImuRows:
-    """Return the readings of a batch as rows: rates as the device sent them, without variance and orientation."""
+    """Return the readings of a batch as rows: uncorrected rates in rad/s, without variance and orientation."""
     n = len(batch)
     accel = np.full((n, 3), np.nan) if batch.accel is None else batch.accel.astype(float)
     unknown = np.full((n, 4), np.nan)
@@ -100,9 +100,9 @@ class _Device:
 class ImuJoin:
     """Joins readings, corrected rates and orientations of any number of devices into ImuRows.
 
-    Samples are matched by boot and sequence number. `now_s` is seconds of a steady clock.
-    Corrected batches of a device come in order and each once; readings and orientation may come again.
-    patient: wait also for kinds of message that the device has not sent yet, as when history is read.
+    Samples are matched by boot and sequence number. `now_s` is seconds of a monotonic clock.
+    The corrected batches of a device must come in order and each once; readings and orientations may be repeated.
+    patient: True waits also for kinds of message that the device has not sent yet, for messages read from history.
     """
 
     def __init__(self, *, patient: bool = False) -> None:
@@ -110,7 +110,7 @@ class ImuJoin:
         self._patient = patient
 
     def take(self, said: Said, now_s: float) -> list[ImuRows]:
-        """Take a message; return the rows of its device that are complete or have waited WAIT_S. now_s: seconds.
+        """Add a message; return the rows of its device that are complete or have waited WAIT_S. now_s: seconds, monotonic clock.
 
         Each result has the samples of one corrected batch.
         """
@@ -122,9 +122,9 @@ class ImuJoin:
         return list(self._ready(device, now_s))
 
     def due(self, now_s: float = inf) -> list[ImuRows]:
-        """Return the rows, of all devices, that have waited WAIT_S at `now_s` seconds.
+        """Return the rows of all devices that are complete or have waited WAIT_S at `now_s`, in seconds of a monotonic clock.
 
-        Without a time, all that wait.
+        Without a time, return all rows that wait.
         """
         found = [rows for device in self._devices.values() for rows in self._ready(device, now_s)]
         for name in [name for name, device in self._devices.items() if device.over(now_s)]:

@@ -1,7 +1,7 @@
-"""ROS 2 messages as CDR bytes, their definitions and their type hashes; rosbags (the extra `ros`) makes them all.
+"""ROS 2 messages as CDR bytes, their definitions and their type hashes, all made by the package rosbags (extra `ros`).
 
-Conventions for inertial data: REP-145, https://www.ros.org/reps/rep-0145.html. An unknown covariance is zero; element 0 of
-the covariance of a quantity that is itself unknown is -1. Type hashes: REP-2016.
+Conventions for inertial data: REP-145, https://www.ros.org/reps/rep-0145.html. An unknown covariance is zero. If a
+quantity itself is unknown, element 0 of its covariance is -1. Type hashes: REP-2016.
 """
 
 import functools
@@ -25,7 +25,7 @@ _LAST_NS: Final = (1 << 31) * _NS - 1
 
 
 def available() -> bool:
-    """Return whether rosbags, the optional package that encodes ROS 2 messages, is installed."""
+    """Return True if rosbags, the optional package that encodes ROS 2 messages, is installed."""
     return importlib.util.find_spec("rosbags") is not None
 
 
@@ -60,7 +60,10 @@ def _header(frame_id: str, time_ns: int = 0) -> Any:
 
 
 class ImuEncoder:
-    """Encoder of one device's samples as sensor_msgs/msg/Imu. frame_id: name of the sensor's frame in each message."""
+    """Encoder of one device's samples as sensor_msgs/msg/Imu messages.
+
+    frame_id: name of the sensor's frame, written to the header of each message.
+    """
 
     def __init__(self, frame_id: str) -> None:
         types = _store().types
@@ -76,10 +79,10 @@ class ImuEncoder:
         )
 
     def encode(self, rows: ImuRows) -> Iterator[tuple[int, bytes]]:
-        """Yield, for each sample, its host time in ns and one sensor_msgs/msg/Imu message as CDR bytes.
+        """Yield, for each sample, its host time (ns since the Unix epoch) and one sensor_msgs/msg/Imu message as CDR bytes.
 
-        Rates are in rad/s, accelerations in m/s²; covariance element 0 is -1 for an unknown acceleration or
-        orientation.
+        Rates are in rad/s, accelerations in m/s². For an unknown acceleration or orientation, element 0 of its
+        covariance is -1.
         """
         imu = self._imu
         stamp, rate, accel, turned = (
@@ -109,9 +112,9 @@ class ImuEncoder:
 
 
 class Transform(NamedTuple):
-    """Pose of the frame `child` in the frame `parent`. time_ns: host time, ns since the Unix epoch. position: m.
+    """Pose of the frame `child` in the frame `parent`.
 
-    quat_wxyz: unit quaternion, scalar first.
+    time_ns: host time, ns since the Unix epoch. position: x, y, z in m. quat_wxyz: unit quaternion, scalar first.
     """
 
     time_ns: int
@@ -122,7 +125,7 @@ class Transform(NamedTuple):
 
 
 def encode_transforms(transforms: Sequence[Transform]) -> bytes:
-    """Encode poses as one tf2_msgs/msg/TFMessage, as CDR bytes."""
+    """Encode poses as one tf2_msgs/msg/TFMessage; return its CDR bytes."""
     types = _store().types
     vector, quaternion = types["geometry_msgs/msg/Vector3"], types["geometry_msgs/msg/Quaternion"]
     made = []
@@ -136,7 +139,7 @@ def encode_transforms(transforms: Sequence[Transform]) -> bytes:
 
 
 class Diagnosis(NamedTuple):
-    """State of one device: level (OK, WARN, ERROR or STALE), a sentence, and further values by name.
+    """State of one device: level (OK, WARN, ERROR or STALE), message, and further values by name.
 
     The fields are those of diagnostic_msgs/msg/DiagnosticStatus.
     """
@@ -149,7 +152,7 @@ class Diagnosis(NamedTuple):
 
 
 def encode_diagnostics(time_ns: int, found: Sequence[Diagnosis]) -> bytes:
-    """Encode the states of devices as one diagnostic_msgs/msg/DiagnosticArray, as CDR bytes.
+    """Encode the states of devices as one diagnostic_msgs/msg/DiagnosticArray; return its CDR bytes.
 
     time_ns: time of the message, ns since the Unix epoch.
     """

@@ -1,4 +1,4 @@
-"""Names of ROS 2 topics and nodes on zenoh, and the attachment of a message, as rmw_zenoh has them. Pure.
+"""Keys of ROS 2 topics and nodes on zenoh, and message attachments, in the format of rmw_zenoh. No I/O.
 
 Source: docs/design.md and rmw_zenoh_cpp/src/detail of https://github.com/ros2/rmw_zenoh, from version 0.6 (attachments
 of 33 bytes) on. Subscribers drop messages without the attachment. xxhash comes with the extra `ros2`.
@@ -19,7 +19,7 @@ _GID_BYTES: Final = 16
 
 
 def topic_key(domain: int, topic: str, kind: str) -> str:
-    """Return the zenoh key of a ROS 2 topic: domain, name without the first slash, type as DDS names it, type hash.
+    """Return the zenoh key of a ROS 2 topic: domain, topic without the first slash, DDS name of the type, type hash.
 
     domain: ROS domain id. kind: message type, such as `sensor_msgs/msg/Imu`.
     """
@@ -33,7 +33,7 @@ def _dds_type(kind: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Node:
-    """A ROS 2 node in the root namespace, as rmw_zenoh announces it.
+    """ROS 2 node in the root namespace, as rmw_zenoh announces it.
 
     domain: ROS domain id. session: id of its zenoh session. name: letters, digits and underscores.
     """
@@ -44,14 +44,14 @@ class Node:
 
     @property
     def token(self) -> str:
-        """Zenoh key of the liveliness token that announces the node."""
+        """Key on zenoh of the liveliness token that announces the node."""
         return self._token(0, _NODE)
 
     def publisher_token(self, number: int, topic: str, kind: str, depth: int) -> str:
         """Return the zenoh key of the liveliness token that announces a publisher of this node.
 
-        number: of the publisher in its session, from 1. kind: message type, such as `sensor_msgs/msg/Imu`.
-        depth: number of messages kept; the publisher is reliable and volatile.
+        number: number of the publisher in its session, from 1. kind: message type, such as `sensor_msgs/msg/Imu`.
+        depth: number of messages kept for readers. The announced quality of service is reliable and volatile.
         """
         mangled = topic.replace("/", "%")
         qos = f"::,{depth}:,:,:,,"  # what is left out has rmw_zenoh's default
@@ -71,7 +71,7 @@ def gid(token: str) -> bytes:
 def attachment(sequence: int, time_ns: int, of: bytes) -> bytes:
     """Return the attachment of a message, 33 bytes. Subscribers drop messages without it.
 
-    sequence: number of the message in its publisher, from 1. time_ns: ns since the Unix epoch. of: the publisher's
-    global id.
+    sequence: number of the message from its publisher, from 1. time_ns: ns since the Unix epoch. of: the publisher's
+    global id, 16 bytes.
     """
     return _ATTACHMENT.pack(sequence, time_ns, _GID_BYTES, of)

@@ -1,4 +1,4 @@
-"""Process runtime: logging, metrics, health server, signals, and operating system errors in plain words.
+"""Process runtime: logging, metrics, health server, signals, file writing, and operating system errors in plain words.
 
-Depends on no other room. Begin at `logs` or `health_server`.
+Imports no other package of truerate. Begin at `logs` or `health_server`.
 """

@@ -1,4 +1,4 @@
-"""Locks files among processes. The system releases a lock when its file is closed. Windows has none."""
+"""File locks between processes. The operating system releases a lock when its file is closed. No effect on Windows."""
 
 import sys
 
@@ -7,9 +7,10 @@ if sys.platform != "win32":
 
 
 def lock(descriptor: int, *, shared: bool = False) -> bool:
-    """Lock an open file, by its descriptor, without waiting; return False if another process holds it.
+    """Lock an open file, by its descriptor, without waiting. Return False if another process holds a conflicting lock.
 
-    shared: allow other shared locks. Windows has no locks: always True. Raises OSError where the file system has none.
+    shared: True allows other shared locks. On Windows nothing is locked and the result is always True.
+    Raises OSError if the file system has no locks.
     """
     if sys.platform != "win32":
         try:

@@ -1,6 +1,6 @@
-"""HTTP server for /metrics (Prometheus), /healthz (the process is alive) and /readyz (the process can do its work).
+"""HTTP server for /metrics (Prometheus), /healthz (is the process alive?) and /readyz (can the process do its work?).
 
-The server keeps no counts: it reads the metrics at each request.
+The server stores no values: it collects the metrics at each request.
 """
 
 import logging
@@ -26,9 +26,9 @@ _NAMES = {"localhost", socket.gethostname().lower(), socket.gethostname().partit
 
 @dataclass(frozen=True, slots=True)
 class MetricFamily:
-    """One Prometheus metric: name without `truerate_`, help text, and a value for each tuple of label values.
+    """Prometheus metric: name without the prefix `truerate_`, help text, and one value for each tuple of label values.
 
-    labels: names of the labels. counter: the values only ever grow.
+    labels: names of the labels. counter: True if the values only grow.
     """
 
     name: str
@@ -40,10 +40,10 @@ class MetricFamily:
 
 @dataclass(frozen=True, slots=True)
 class HealthSource:
-    """Callbacks that answer the health server's requests; called on its threads.
+    """Callbacks that answer the health server's requests. The server calls them on its own threads.
 
-    families: returns the metrics. sick: reasons, in words, why the process is not alive; [] if it is.
-    unready: reasons why it cannot do its work; [] if it can.
+    families: returns the metrics. sick: returns reasons, in words, why the process is not alive; [] if it is.
+    unready: returns reasons, in words, why the process cannot do its work; [] if it can.
     """
 
     families: Callable[[], Iterable[MetricFamily]]
@@ -52,9 +52,9 @@ class HealthSource:
 
 
 class HealthServer:
-    """HTTP server of metrics and health on (host, port), for the length of a `with` block. port: the number in use.
+    """HTTP server of metrics and health on (host, port), which runs for the length of a `with` block.
 
-    Raises OSError if the address is unusable.
+    port: the port in use. Raises OSError if the address cannot be used.
     """
 
     def __init__(self, address: tuple[str, int], asked: HealthSource) -> None:
@@ -77,9 +77,9 @@ class HealthServer:
 
 
 def own_host(host: str, names: Container[str]) -> bool:
-    """Return whether an HTTP Host header names this machine: by any address, or by one of `names`, in lower case.
+    """Return True if an HTTP Host header names this machine: by any IP address, or by one of `names` in lower case.
 
-    Any other name may belong to a foreign page directed to this machine's address (DNS rebinding).
+    Other names are refused, because a foreign web page may use one to reach this machine's address (DNS rebinding).
     """
     try:
         parts = urlsplit(f"//{host}")

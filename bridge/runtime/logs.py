@@ -1,7 +1,7 @@
 """Log format: one line of text per record for people, or one JSON object per line for machines.
 
-Messages contain texts of devices, files and people. Unprintable characters are escaped, so that no such text moves a
-terminal's cursor or fakes a log line. Private keys and password hashes are always left out.
+Messages may contain texts of devices, files and users. Unprintable characters are escaped, so that these texts cannot
+move a terminal's cursor or forge a log line. Private keys and password hashes are removed.
 """
 
 import json
@@ -23,9 +23,9 @@ _SECRETS = re.compile(
 
 
 def configure_logging(form: str = TEXT) -> None:
-    """Configure logging to standard error, as text or JSON (form: one of FORMATS).
+    """Configure logging to standard error, as text or JSON. form: one of FORMATS.
 
-    JSON also covers uncaught exceptions.
+    With JSON, uncaught exceptions are logged too.
     """
     handler = logging.StreamHandler(sys.stderr)
     handler.setFormatter(JsonFormatter() if form == JSON else TextFormatter())
@@ -37,19 +37,19 @@ def configure_logging(form: str = TEXT) -> None:
 
 
 def printable(text: str) -> str:
-    """Return a text fit for one line: secrets hidden, cut at LONGEST characters, unprintable characters escaped."""
+    """Return a text fit for one log line: secrets hidden, cut at LONGEST characters, unprintable characters escaped."""
     hidden = _SECRETS.sub(HIDDEN, text)
     cut = hidden if len(hidden) <= LONGEST else f"{hidden[:LONGEST]}…"
     return cut if cut.isprintable() else "".join(c if c.isprintable() else ascii(c)[1:-1] for c in cut)
 
 
 def printable_lines(text: str) -> str:
-    """Return a text with each of its lines made printable; a secret of several lines is hidden as a whole."""
+    """Return a text of several lines with each line made printable. A secret that spans lines is hidden as a whole."""
     return "\n".join(map(printable, _SECRETS.sub(HIDDEN, text).split("\n")))
 
 
 class TextFormatter(logging.Formatter):
-    """Formats log records as `LEVEL logger: message`; traceback lines begin with a bar."""
+    """Formats log records as `LEVEL logger: message`; each line of a traceback begins with a bar."""
 
     def format(self, record: logging.LogRecord) -> str:
         """Format a log record as one line, plus one line for each line of its traceback."""
@@ -59,7 +59,7 @@ class TextFormatter(logging.Formatter):
 
 
 class JsonFormatter(logging.Formatter):
-    """Formats log records as one JSON object per line: time, level, logger, message, and trace if any."""
+    """Formats log records as one JSON object per line, with time (UTC), level, logger, message, and any traceback."""
 
     def format(self, record: logging.LogRecord) -> str:
         """Format a log record as one line of JSON."""

@@ -1,4 +1,4 @@
-"""Metrics of a process in Prometheus' text format. The only module that imports prometheus_client."""
+"""Metrics in Prometheus' text format. The only module that imports prometheus_client."""
 
 from collections.abc import Iterator
 from importlib.metadata import version
@@ -13,7 +13,7 @@ __all__ = ["KIND", "rendered"]
 
 
 def rendered(asked: HealthSource) -> bytes:
-    """Return all current metrics, with those of the process, in Prometheus' text format."""
+    """Return the current metrics of `asked` and of the process (CPU, memory, files), in Prometheus' text format."""
     registry = CollectorRegistry()
     registry.register(_Collector(asked))
     ProcessCollector(registry=registry)

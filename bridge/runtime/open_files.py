@@ -1,4 +1,4 @@
-"""The number of files and connections that a program may have open. Windows has no limit that matters."""
+"""Limit of open files and connections of this process. On Windows nothing is changed."""
 
 import logging
 import sys
@@ -10,9 +10,9 @@ log = logging.getLogger(__name__)
 
 
 def make_room(wanted: int) -> int:
-    """Raise the limit of open files and connections to `wanted`, if needed and possible; return how many may be open.
+    """Raise the process's limit of open files and connections to `wanted`, as far as allowed; return the number available.
 
-    The result is at most `wanted`. Logs a warning if it is less.
+    The result is at most `wanted`. If it is less, a warning is logged.
     """
     most = wanted
     if sys.platform != "win32":

@@ -1,4 +1,4 @@
-"""Operating system errors in plain words, without error numbers or constants."""
+"""Operating system errors in plain words, without error numbers or names of constants."""
 
 import errno
 import os
@@ -22,24 +22,24 @@ _WORDS = {
 
 
 def why(error: OSError) -> str:
-    """Return the cause of an OSError in plain words, to follow a name; for one without number, its own message."""
+    """Return the cause of an OSError in plain words, to follow a file name; without an error number, the error's own message."""
     if error.errno is None:
         return str(error)
     return _WORDS.get(error.errno) or (error.strerror or str(error)).lower()
 
 
 def sentence(error: OSError) -> str:
-    """Return the file name of an OSError, if it has one, and its cause in plain words."""
+    """Return the file name of an OSError, if it has one, and the cause in plain words."""
     return why(error) if error.filename is None else f"{os.fsdecode(error.filename)}: {why(error)}"
 
 
 def said(error: Exception) -> str:
-    """Return the text of any exception; for an OSError, file name and cause as in `sentence`."""
+    """Return the text of any exception; for an OSError, its file name and cause as in `sentence`."""
     return sentence(error) if isinstance(error, OSError) else str(error)
 
 
 def unreadable(path: Path) -> str:
-    """Return in plain words why a file cannot be read; empty if it can be. Does not open the file."""
+    """Return in plain words why a file cannot be read; "" if it can be read. Does not open the file."""
     try:
         mode = path.stat().st_mode
     except FileNotFoundError:

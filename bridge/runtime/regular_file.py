@@ -1,4 +1,4 @@
-"""Reads files that somebody else may have put in place: never waits, as it would for a pipe, and takes a bounded size."""
+"""Safe reading of files that another program may have put in place: never waits on a pipe, and limits the size."""
 
 import errno
 import os
@@ -10,9 +10,9 @@ MAX_BYTES = 1 << 20
 
 
 def content(path: Path | str) -> bytes:
-    """Return the bytes of a regular file, at most MAX_BYTES; never waits.
+    """Return the bytes of a regular file of at most MAX_BYTES bytes; never waits.
 
-    Raises OSError for a folder, a pipe, a device, and a larger file.
+    Raises OSError for a missing file, a folder, a pipe, a device, and a larger file.
     """
     descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
     try:

@@ -1,4 +1,4 @@
-"""Tells systemd that a service has started and is alive: sd_notify's READY=1, WATCHDOG=1 and STOPPING=1."""
+"""Messages to systemd that a service has started, is alive and is stopping, by the protocol sd_notify(3)."""
 
 import contextlib
 import os
@@ -9,11 +9,10 @@ from collections.abc import Callable, Iterator, Sequence
 
 @contextlib.contextmanager
 def supervised(sick: Callable[[], Sequence[str]] = list) -> Iterator[None]:
-    """Tell systemd that the service is ready, then feed its watchdog while `sick()` is empty, in a `with` block.
+    """Tell systemd that the service is ready, then send watchdog messages while `sick()` is empty, in a `with` block.
 
-    Without systemd, does nothing. `sick` returns reasons why the process is not alive, and is called on a thread of its
-    own.
-    Protocol: sd_notify(3).
+    sick: returns reasons why the process is not alive; called on a separate thread. Without systemd, nothing is sent.
+    At the end of the block, systemd is told that the service stops. Protocol: sd_notify(3).
     """
     address = os.environ.get("NOTIFY_SOCKET", "")
     if not address:

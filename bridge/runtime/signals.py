@@ -1,4 +1,4 @@
-"""Orderly stop of a process on SIGTERM, SIGINT and SIGHUP."""
+"""Orderly stop of a process on the signals SIGTERM, SIGINT and SIGHUP."""
 
 import contextlib
 import logging
@@ -21,9 +21,9 @@ def asked_by() -> list[signal.Signals]:
 
 @contextlib.contextmanager
 def stopped_by_signal() -> Iterator[threading.Event]:
-    """Provide an event that SIGTERM, SIGINT and SIGHUP set, during a `with` block. A second signal kills the program.
+    """Provide an event that SIGTERM, SIGINT or SIGHUP sets, during a `with` block. A second signal kills the program.
 
-    For the main thread only. Under nohup, SIGHUP stays ignored.
+    Use in the main thread only. Under nohup, SIGHUP stays ignored.
     """
     stop = threading.Event()
 

@@ -1,4 +1,4 @@
-"""Writes a file whole: after a crash or a power failure it is complete, or as it was before."""
+"""Atomic file writing: after a crash or a power failure, the file is complete, or as it was before."""
 
 import os
 import stat
@@ -10,9 +10,10 @@ _PRIVATE = 0o600
 
 
 def write(path: Path, content: bytes, mode: int, owner: tuple[int, int] | None = None) -> None:
-    """Write a file whole: a crash leaves the complete new content or the old. mode: permission bits, such as 0o600.
+    """Replace a file's content atomically: after a crash, the file has the complete new content or the old content.
 
-    owner: ids of its user and group, which only root may give. Raises OSError if the file cannot be written.
+    mode: permission bits of the file, such as 0o600. owner: (user id, group id); only root may set it.
+    Raises OSError if the file cannot be written.
     """
     beside = path.with_name(f".{path.name}.{os.getpid()}")
     try:
@@ -29,9 +30,10 @@ def write(path: Path, content: bytes, mode: int, owner: tuple[int, int] | None =
 
 
 def rewrite(path: Path, content: bytes) -> None:
-    """Write a file whole, with the owner and mode that it has.
+    """Replace a file's content atomically, keeping its mode and, when run as root, its owner.
 
-    A new file belongs to the owner of its folder, who alone may read it. Raises OSError if the file cannot be written.
+    A new file is readable by its owner only; when run as root, its owner is that of the folder.
+    Raises OSError if the file cannot be written.
     """
     path = path.resolve()
     there = path.stat() if path.exists() else None

@@ -1,4 +1,4 @@
-"""Terminal output: a console safe for foreign text, tables that fit the width, a progress bar, plurals.
+"""Terminal output: a console safe for foreign text, tables that fit the terminal's width, a progress bar, plurals.
 
 Begin at `console`.
 """

@@ -1,4 +1,4 @@
-"""Console for text of devices, files and people: no markup, no control characters."""
+"""Console for text of devices, files and users: interprets no markup and prints no control characters."""
 
 from typing import Any
 
@@ -19,7 +19,7 @@ class _Plain(Console):
 def plain_console(*, stderr: bool = False) -> Console:
     """Create a console that prints `[/x]` and `:x:` literally, and control characters escaped.
 
-    stderr: print to standard error. Without a terminal the console is at least 160 columns wide.
+    stderr: True prints to standard error. Without a terminal, the console is at least 160 columns wide.
     """
     made = _Plain(markup=False, emoji=False, stderr=stderr)
     if not made.is_terminal:

@@ -1,4 +1,4 @@
-"""Progress bar on a terminal."""
+"""Progress bar on a terminal, for work that takes longer than 2 s."""
 
 import time
 from collections.abc import Callable
@@ -15,7 +15,7 @@ _COLUMNS = TextColumn("{task.description}"), BarColumn(), TextColumn("{task.perc
 class Bar:
     """Progress bar on standard error, for the length of a `with` block.
 
-    Shown only on a terminal, and only for work longer than 2 s.
+    The bar appears only on a terminal, and only for work that takes longer than 2 s.
     """
 
     def __init__(self) -> None:
@@ -24,7 +24,7 @@ class Bar:
         self._shown: Progress | None = None
 
     def on(self, what: str) -> Callable[[int, int], None]:
-        """Return a callback(done, of) that reports how many of `of` steps of the task `what` are done."""
+        """Return a callback(done, of) that shows the progress of the task `what`: `done` of `of` steps are finished."""
         return lambda done, of: self._tell(what, done, of)
 
     def _tell(self, what: str, done: int, of: int) -> None:

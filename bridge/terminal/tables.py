@@ -1,4 +1,4 @@
-"""Tables that fit the terminal: text is folded, never cut; a column of numbers is shown whole or left out."""
+"""Terminal tables: text is folded and never cut; a column of numbers is shown whole or left out."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -17,8 +17,8 @@ _GAP = 2
 class Column:
     """Column of a terminal table.
 
-    number: aligned right and never folded. least: smallest width, in characters, to which text may be folded.
-    spare: columns are left out for lack of room, the highest `spare` first; 0: never.
+    number: True aligns right and never folds. least: smallest width, in characters, to which text may be folded.
+    spare: priority for leaving the column out when the table is too wide; highest first, 0 never.
     """
 
     heading: str
@@ -28,9 +28,9 @@ class Column:
 
 
 class Columns:
-    """Terminal table for a rich console, as wide as the terminal at most: rows of cells, with or without headings.
+    """Terminal table for a rich console, at most as wide as the terminal: rows of cells, with or without headings.
 
-    If even the columns with `spare` 0 do not fit, each row is printed as a line of text.
+    If even the columns with `spare` 0 do not fit, each row is printed as one text, its cells separated by commas.
     """
 
     def __init__(self, columns: Sequence[Column], *, title: str = "", headings: bool = True) -> None:
@@ -38,7 +38,7 @@ class Columns:
         self._rows: list[tuple[Text, ...]] = []
 
     def add(self, *cells: str | Text) -> None:
-        """Add a row of cells, one per column; missing cells at its end stay empty."""
+        """Add a row of cells, one per column; missing cells at the end stay empty."""
         given = [cell if isinstance(cell, Text) else Text(printable(cell)) for cell in cells]
         self._rows.append((*given, *(Text() for _ in self._columns[len(given) :])))
 
