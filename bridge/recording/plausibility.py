@@ -1,4 +1,4 @@
-"""Plausibility checks of a recording: can its values be in rad/s, m/s² and s?
+"""Plausibility checks of a recording: whether its values can be in rad/s, m/s² and s.
 
 A wrong unit is an error by a factor of 57, of 9.8 or of 1000, which correction would not detect.
 """

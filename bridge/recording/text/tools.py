@@ -1,11 +1,11 @@
 """Descriptions of known tools' exports: one TOML file per tool, in configs/columns or a user's own.
 
-    summary = "Sensor Logger's Gyroscope.csv"
-    header = ["seconds_elapsed", "z", "y", "x"]   recognised if the header has all these names
-    file = "*gyro*"                               and by the file's name, if other exports have the same header
-    [gyro]    columns = ["x", "y", "z"]   unit = "rad/s"   (or sensitivity = counts per °/s)
-    [accel]   the same                                     (or sensitivity = counts per g)
-    [time]    column = "seconds_elapsed"  unit = "s"
+summary = "Sensor Logger's Gyroscope.csv"
+header = ["seconds_elapsed", "z", "y", "x"]   recognised if the header has all these names
+file = "*gyro*"                               and by the file's name, if other exports have the same header
+[gyro]    columns = ["x", "y", "z"]   unit = "rad/s"   (or sensitivity = counts per °/s)
+[accel]   the same                                     (or sensitivity = counts per g)
+[time]    column = "seconds_elapsed"  unit = "s"
 """
 
 from fnmatch import fnmatch
