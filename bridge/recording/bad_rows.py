@@ -1,4 +1,4 @@
-"""Repairs of bad rows: drops rows with missing or impossible rates, fills gaps in other columns, finds repeated rows."""
+"""Repair of bad rows: drops rows with missing or impossible rates, fills gaps in other columns, finds repeated rows."""
 
 from collections.abc import Callable
 from pathlib import Path

@@ -64,7 +64,7 @@ def _names(column: str, values: NDArray[np.generic]) -> list[str]:
 def rows_of(values: list[NDArray[np.generic]], separator: str = ",", missing: str = "nan") -> Iterator[tuple[int, str]]:
     """Yield the rows of columns (n,) as text, some thousands at a time, each text with the number of rows done so far.
 
-    missing: text that replaces NaN.
+    values: the columns. separator: text between cells. missing: text that replaces NaN.
     """
     forms = [{"f4": "%.9g", "f8": "%.9f"}.get(column.dtype.str[1:], "%s") for column in values]
     row_form, n = separator.join(forms) + "\n", len(values[0])

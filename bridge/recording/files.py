@@ -101,7 +101,10 @@ class Folder:
         return [path for path in sorted(self.path.glob(f"{self._ward}-*.mcap{PART}")) if not in_use(path)]
 
     def finished(self) -> list[Finished]:
-        """Return this ward's finished recordings with size and time of the last write, oldest name first."""
+        """Return this ward's finished recordings, with size and time of the last write.
+
+        The oldest comes first, by the time in the name.
+        """
         named = re.compile(re.escape(self._ward) + r"-\d{8}T\d{6}Z(-\d+)?\.mcap")
         found = []
         for path in sorted(self.path.iterdir()):
@@ -140,7 +143,7 @@ def with_part(path: Path) -> Path:
 
 
 def recorded_in(path: Path) -> str:
-    """Return a sentence for the user that names a recording's path and, if it is unfinished, the command to recover it."""
+    """Return a sentence for the user that names a recording's path and, if unfinished, the command to recover it."""
     return f"recorded in {path}" + (
         f": complete it with truerate recording recover {path}" if path.suffix == PART else ""
     )

@@ -1,6 +1,7 @@
-"""MCAP writer for recordings that may be interrupted at any moment: a flushed chunk is in the file completely or not at all.
+"""MCAP writer for recordings that may be interrupted at any moment.
 
-The Writer of the `mcap` package writes the records. Format: https://mcap.dev/spec
+A flushed chunk is in the file completely or not at all. The Writer of the `mcap` package writes the records. Format:
+https://mcap.dev/spec
 """
 
 from collections import Counter

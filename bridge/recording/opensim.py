@@ -1,4 +1,4 @@
-"""Writer of .sto files for OpenSim's OpenSense: orientations and rates, one column per body segment, at common times."""
+"""Writer of .sto files for OpenSim's OpenSense: orientations and rates, a column per body segment, at common times."""
 
 import logging
 import re

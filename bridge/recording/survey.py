@@ -26,7 +26,7 @@ class Boot:
     """Summary of one boot of a device: counts of samples, gaps and repeats, and times of its first and last sample.
 
     boot: 64-bit boot number. first_ns, last_ns: host times, ns since the Unix epoch. missing: number of samples lost in
-    gaps. device_s: duration of the samples by the device's clock, s.
+    gaps. repeated: number of samples received again. device_s: time from first to last sample by the device's clock, s.
     kept: batches of readings, each sample once, in parts that begin where sequence numbers start over. rates,
     attitudes: batches of corrected rates and orientations as received.
     """

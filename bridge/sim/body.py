@@ -27,7 +27,7 @@ _RING_HZ, _RING_S = 14.0, 0.05
 
 
 class Activity(IntEnum):
-    """Activity of a wearer, or of a device that is not worn (TABLE, HANDLED)."""
+    """Activities of a wearer; TABLE and HANDLED are those of a device that is not worn."""
 
     TABLE = 0
     HANDLED = 1
@@ -61,7 +61,7 @@ class Waves:
     stray: Array
 
     def at(self, time_s: Array) -> Array:
-        """Return the sum of the oscillations, (n, 3) in the unit of `size`, at times (n,) in s."""
+        """Return the sum of the oscillations, (n, 3) in the unit of `size`. time_s (n,): s."""
         cycles = 2 * np.pi * time_s[:, None] * self.frequency_hz
         wave: Array = np.sin(cycles + self.phase + self.stray * np.sin(0.137 * cycles + 2 * self.phase)) @ self.size
         return wave
@@ -161,7 +161,10 @@ class Stretch:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Lived(TrueMotion):
-    """True motion of a wearer's device, with activity (n,) int8 and the sensor's velocity (n, 3) m/s, earth axes."""
+    """True motion of a wearer's device: TrueMotion with activity and velocity.
+
+    activity (n,) int8: values of Activity. velocity (n, 3): velocity of the sensor, m/s, earth axes.
+    """
 
     activity: NDArray[np.int8]
     velocity: Array

@@ -43,7 +43,7 @@ _PACKET_S = 0.02
 class DeviceSpec:
     """Properties of a virtual device, apart from its sensor.
 
-    silence_s: time from power-up to the first HELLO, s.
+    model, firmware: names that the device reports. silence_s: time from power-up to the first HELLO, s.
     skew_ppm: frequency error of the oscillator that times samples and ticks; positive is fast.
     first_tick: tick counter at power-up.
     wait_for_host: send HELLO but no DATA until the host first sends IDENTIFY, so that a replay loses no sample.

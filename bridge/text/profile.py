@@ -1,34 +1,34 @@
-"""Text profiles: TOML descriptions of what a device prints, one file per kind of device.
+"""Text profiles: TOML descriptions of the lines that a device prints, one file for each kind of device.
 
     summary = "a word for people"
-    baud = 115200                     # of the port, unless the ward's file gives another
-    decimal = ","                     # decimal mark of the numbers; "." if left out
+    baud = 115200                     # bits per second of the port, unless the ward's file states another rate
+    decimal = ","                     # decimal mark of the numbers; default "."
     banners = ['regular expression']  # a line printed at the start, which means a boot. Named groups model, firmware,
                                       # rate_hz and gyro_range_dps set these properties
     ignore = ['regular expression']   # lines that are neither samples nor faults
     [device]                          model, firmware, gyro_range_dps (0: unknown), rate_hz if there is no clock
-    [csv]                             one of these two:
+    [csv]                             this table or [regex]:
     separator = ","                   #   one character; " " means any blanks
-    columns = ["t", "gx", "gy"]       #   in their order; left out: wait for a header row
+    columns = ["t", "gx", "gy"]       #   names in order; if left out, a header row must come first
     header = true                     #   a row of names, at any time, sets the order
     prefix = "Raw:"                   #   text at the beginning of each row
     [regex]
-    match = '(?P<gx>[-0-9.]+) ...'    #   of a whole line; its named groups are the columns
+    match = '(?P<gx>[-0-9.]+) ...'    #   pattern of a whole line; its named groups are the columns
     [gyro]
     columns = ["gx", "gy", "gz"]      # x, y, z
-    unit = "dps"                      # rad/s, mrad/s, dps, mdps, or counts with sensitivity_mdps, of one count
-    scale = 1.0                       # factor; a list of three for axes that differ, or point the other way
-    [accel]                           the same; m/s2, g, mg, or counts with sensitivity_mg. May be left out
-    [temperature]                     column, scale, offset_c: °C = scale * value + offset_c. May be left out
-    [battery]                         column, scale: % = scale * value, kept within 0 to 100. May be left out
-    [time]                            column, unit (s, ms, us, ns), bits. May be left out if rate_hz is known
-    [[known_scale_faults]]            factor, cause, gyro_range_dps: the true rate is `factor` times the printed one
+    unit = "dps"                      # rad/s, mrad/s, dps, mdps; or counts, with sensitivity_mdps (m°/s per count)
+    scale = 1.0                       # additional factor; a list of three if axes differ or point the other way
+    [accel]                           the same; m/s2, g, mg; or counts, with sensitivity_mg (mg per count). Optional
+    [temperature]                     column, scale, offset_c: °C = scale * value + offset_c. Optional
+    [battery]                         column, scale: % = scale * value, limited to 0 to 100. Optional
+    [time]                            column, unit (s, ms, us, ns), bits. Optional if rate_hz is known
+    [[known_scale_faults]]            factor, cause, gyro_range_dps: the true rate is `factor` times the printed rate
     [notices]                         name = "what a person should know of this device"
 
-bits: the time is a whole number that wraps at 2**bits (default for ms and us: 32, for ns: 64);
-0: a decimal that never wraps.
-Lines are matched whole, without surrounding blanks; a banner may follow a line cut off by a restart. The profiles
-shipped with truerate are in configs/profiles, or in the installed package.
+bits: the time is a whole number that wraps at 2**bits (default for ms and us: 32, for ns: 64); 0 means a decimal
+number that never wraps.
+A pattern must match a whole line, without surrounding blanks; a banner may also follow an incomplete line that a
+restart interrupted. The profiles shipped with truerate are in configs/profiles, or in the installed package.
 """
 
 import re

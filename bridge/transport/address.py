@@ -15,9 +15,8 @@ from bridge.transport.udp_port import UdpPort
 class Scheme(NamedTuple):
     """Kind of transport, chosen by the scheme of a device's address, such as `tcp`.
 
-    make(address, baud): returns the transport, not yet open. state(address): returns in a few words, without opening
-    the device, the state of the address. address: the part behind `scheme://`, or the path of a serial port.
-    baud: bits per second.
+    make(address, baud): returns the transport, not yet open. state(address): returns the state of the address in a few
+    words. address: the part behind `scheme://`, or the path of a serial port. baud: bits per second.
     Both functions raise ValueError with the expected form if the address is invalid.
     """
 
@@ -51,10 +50,10 @@ def transport(port: str, baud: int) -> Transport:
 
 
 def state(port: str) -> str:
-    """Return the state of a device's address in a few words, without opening the device.
+    """Return the state of a device's address in a few words; no data is exchanged with the device.
 
-    The state is `present` (for UDP `free`) if the address could be opened now. Raises ValueError for an invalid
-    address.
+    The state is `present` (for UDP `free`) if the address could be opened now. A BLE device is not searched for.
+    port: path of a serial port, or `scheme://...`. Raises ValueError for an invalid address.
     """
     scheme, address = _split(port)
     return scheme.state(address)
@@ -63,7 +62,7 @@ def state(port: str) -> str:
 def check(port: str, baud: int) -> None:
     """Check a device's address and a baud rate, 300 to 4000000 bits per second.
 
-    Raises ValueError, with the expected form, if either is invalid.
+    port: path of a serial port, or `scheme://...`. Raises ValueError, with the expected form, if either is invalid.
     """
     if not port:
         raise ValueError("port is empty: name one; `truerate bridge scan` lists the connected devices")

@@ -142,8 +142,8 @@ class BleLink:
 class BlePort(BleLink):
     """BLE transport for a device with one characteristic, whose notifications are the bytes read.
 
-    address: the part behind `ble://`. baud: ignored. Written bytes are sent if the address names a characteristic to
-    write to; otherwise they are counted as not sent.
+    address: the part behind `ble://`. baud: ignored, as BLE has none. Written bytes are sent if the address names a
+    characteristic to write to; otherwise they are counted as not sent.
     Raises ValueError for an invalid address, and without the packages of the extra `ble`.
     """
 
@@ -168,9 +168,9 @@ def parsed(address: str) -> Place:
 
 
 def device_address(text: str, example: str) -> str:
-    """Return a Bluetooth address, such as `C4:64:E3:12:34:56`, in upper case.
+    """Check a Bluetooth address, such as `C4:64:E3:12:34:56`, and return it in upper case.
 
-    Raises ValueError with `example`, a port, if it is not one.
+    example: a valid port, for the error text. Raises ValueError if `text` is not a Bluetooth address.
     """
     if not _ADDRESS.fullmatch(text.upper()):
         raise ValueError(f"{text!r} is not a Bluetooth address: write a port such as {example!r}")

@@ -48,7 +48,7 @@ class FilePort:
         self._due, self._then_s = 0.0, time.monotonic()
 
     def read(self, timeout_s: float) -> Chunk:
-        """Return the bytes due since the last read, after a pause of at most timeout_s, up to 10 ms.
+        """Return the bytes due since the last read, after a pause of timeout_s, at most 10 ms.
 
         Raises DeviceLost at the end of the file, with `over` True, and if the file is closed or fails.
         """

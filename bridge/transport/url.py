@@ -39,7 +39,8 @@ def host(text: str, example: str) -> str:
 def options(text: str, known: Sequence[str], example: str) -> tuple[str, dict[str, str]]:
     """Split off the `name=value` options behind `?`; returns the text before `?`, and the values by name.
 
-    known: the valid names. Raises ValueError for an unknown name, and for a name given twice.
+    known: the valid names. example: a valid address, for the error text. Raises ValueError for an unknown name, and for
+    a name given twice.
     """
     before, mark, query = text.partition("?")
     if not mark:
@@ -57,7 +58,10 @@ def options(text: str, known: Sequence[str], example: str) -> tuple[str, dict[st
 
 
 def number(text: str, name: str, low: float, high: float) -> float:
-    """Parse the number of an option, from low to high; raises ValueError for any other text. name: the option's name."""
+    """Parse the number of an option, from low to high. Raises ValueError for any other text.
+
+    name: name of the option, for the error text.
+    """
     try:
         value = float(text)
     except ValueError:

@@ -120,8 +120,10 @@ class CorrectedEncoder:
         rate: bytes,
         flags: bytes,
     ) -> bytes:
-        """Encode one corrected batch as protobuf bytes; the fields are those of CorrectedBatch.
+        """Encode one corrected batch as protobuf bytes; the arguments are the fields of CorrectedBatch.
 
+        boot: 64-bit boot number. sequence: number of the first sample since boot. start_time_ns: host time of the first
+        sample, ns since the Unix epoch. clock_rate: host seconds per device second.
         ticks (n,), rate (n, 3) in rad/s, flags (n,): packed as bytes by `column_of` and `packed_flags`.
         """
         message = self._message
@@ -252,7 +254,7 @@ def stds_of(raw: columns.CorrectedBatch | columns.WindowBatch) -> NDArray[np.flo
     """Unpack the standard deviations of a message as a read-only (5, 3) float32 array.
 
     Rows: noise, bias (rad/s), scale, cross-axis (without unit), flicker (rad/s; 0 if absent).
-    Raises Refusal for another number of values, and for a value that is negative or not finite.
+    Raises Refusal for another number of values, and for a value that is negative, not finite or too large.
     """
     said = {name: getattr(raw, name) for name in ("noise_std", "bias_std", "scale_std", "cross_std")}
     said["flicker_std"] = raw.flicker_std or _NOT_SAID

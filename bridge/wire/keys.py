@@ -49,7 +49,7 @@ class Key:
 
     @property
     def device(self) -> str:
-        """Device id in the key. Raises KeyError for a kind of key without a device, such as `owned` or `alive/bridge`."""
+        """Device id in the key. Raises KeyError for a kind of key without a device, such as `owned`."""
         return self.ids["device"]
 
 
@@ -105,9 +105,9 @@ def boot_id(boot: int) -> str:
 
 @functools.lru_cache(maxsize=8192)  # a ward uses the same few keys again and again
 def parse(key: str) -> Key:
-    """Parse a received bus key. Raises Refusal for a wildcard, an unknown kind, an invalid id, and a key that is too long.
+    """Parse a received bus key. The result is cached: do not modify it.
 
-    The result is cached: do not modify it.
+    Raises Refusal for a wildcard, an unknown kind, an invalid id, and a key that is too long.
     """
     if len(key) > MAX_KEY:
         raise Refusal(Reason.BAD_KEY, f"a key of {len(key)} characters; at most {MAX_KEY} are allowed")

@@ -165,7 +165,7 @@ class Placement:
 
     @property
     def body(self) -> str:
-        """Name of the segment on which the device is worn, as in an OpenSim model, such as `femur_r`; empty if unknown."""
+        """Name of the segment on which the device is worn, in an OpenSim model, such as `femur_r`; empty if unknown."""
         return f"{self.segment}_{self.side[0]}" if self.side else self.segment
 
     def __str__(self) -> str:

@@ -69,7 +69,10 @@ def encode_columns(
 
 
 def decode_orientation(key: str, payload: bytes) -> OrientationBatch:
-    """Decode and validate the payload of bus key orientation/<device> as an OrientationBatch. Raises Refusal if invalid."""
+    """Decode and validate the payload of bus key orientation/<device> as an OrientationBatch.
+
+    Raises Refusal for an invalid message.
+    """
     raw, _ = opened(columns.OrientationBatch, "orientation", key, payload)
     ticks = ticks_of(raw.ticks)
     times_of(raw, ticks)

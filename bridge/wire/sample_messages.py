@@ -137,7 +137,10 @@ class OrientationBatch(Timed):
     m/s², earth axes; None without an accelerometer.
     covariance (3, 3) float32: of the attitude error at the last sample, a small rotation about earth axes, rad².
     zero_sequence: number of the sample at which the heading was zero. zero: `start`, or the name of the person who
-    reset the heading. Other fields are as in CorrectedBatch.
+    reset the heading.
+    boot: 64-bit boot number. sequence: number of the first sample since boot. epoch: number of the estimator's
+    ownership of the device; a higher number is later. ticks (n,) uint64: device clock, tick_period_s each.
+    start_time_ns: host time of the first sample, ns since the Unix epoch. clock_rate: host seconds per device second.
     """
 
     device: str
@@ -180,7 +183,9 @@ class CorrectedBatch(Timed):
     noise_std, bias_std, flicker_std (3,) float32: rad/s. scale_std, cross_std (3,) float32: without unit.
     bias_std belongs to the bias averaged over minutes, flicker_std to the bias' flicker about that average.
     cross_std is the misalignment. calibration: id of the calibration in use. flags (n,) uint32: SampleFlag bits.
-    The clock fields are as in SampleBatch.
+    boot: 64-bit boot number. sequence: number of the first sample since boot. ticks (n,) uint64: device clock,
+    tick_period_s each. start_time_ns: host time of the first sample, ns since the Unix epoch. clock_rate: host seconds
+    per device second.
     """
 
     device: str
@@ -215,7 +220,10 @@ class CorrectedBatch(Timed):
 
     @property
     def rate_std(self) -> Floats:
-        """Standard deviation (n, 3) of each corrected rate, rad/s, from noise, bias, flicker, scale and misalignment."""
+        """Standard deviation (n, 3) of each corrected rate, rad/s, by `combined_std`.
+
+        Includes noise, bias, flicker, scale and misalignment.
+        """
         return combined_std(self.rate, self.noise_std, self.bias_std, self.scale_std, self.cross_std, self.flicker_std)
 
 
@@ -276,7 +284,8 @@ class WindowBatch:
     the Unix epoch. samples (m,) uint32: number of samples per window. flags (m,) uint32: SampleFlag bits of all its
     samples.
     reading_…, rate_… (m, 3) float32: mean, standard deviation, minimum and maximum, rad/s, sensor frame.
-    Other fields are as in the CorrectedBatch of the last sample.
+    bias, noise_std, bias_std, flicker_std (3,) float32: rad/s. scale_std, cross_std (3,) float32: without unit. These
+    fields, quality and calibration are those of the CorrectedBatch of the last sample.
     """
 
     device: str

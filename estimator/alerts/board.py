@@ -1,4 +1,4 @@
-"""Alert board of a device or an estimator: raises an alert when a fault lasts, and clears it when the fault ends. Pure."""
+"""Alert board of a device or an estimator: raises alerts when faults last, and clears them when faults end. Pure."""
 
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass, replace

@@ -88,7 +88,7 @@ def message(ward: str, news: Sequence[News], language: str) -> tuple[str, str]:
 
 
 def by_apprise(urls: Sequence[str]) -> Notify:
-    """Return a function that sends a title and a body by apprise; the function returns True if every address accepts them.
+    """Return a function that sends a title and a body by apprise; it returns True if every address accepts them.
 
     urls: addresses in apprise's form; if empty, the function does nothing and returns True.
     Raises ConfigError for a missing package or an invalid address.

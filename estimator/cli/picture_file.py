@@ -35,7 +35,10 @@ def _is_drawn(path: Path) -> bool:
 
 
 def check_folder(option: str, path: Path) -> None:
-    """Check that the folder of an output file can be written to or made. Raises ConfigError, which names `option`, if not."""
+    """Check that the folder of an output file can be written to or made.
+
+    option: name of the option, for the error. Raises ConfigError if the folder cannot be used.
+    """
     folder = next(above for above in path.absolute().parents if above.exists())
     if not folder.is_dir():
         raise ConfigError(f"{option} {path}: {folder} is not a folder; give another path")

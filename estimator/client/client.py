@@ -45,7 +45,8 @@ class Client:
     instead of connecting to endpoints.
     `denied` and the log state what this client's certificate does not permit, because routers reject subscriptions
     silently.
-    Raises BusError if no router answers, and Refusal if `ward` is not a valid id.
+    Raises BusError if no router answers, and Refusal if `ward` is not a valid id. Its methods raise Refusal for an
+    invalid device id.
     """
 
     def __init__(self, endpoints: str | Sequence[str] = (LOCAL,), *, ward: str, bus: Bus | None = None) -> None:
@@ -58,7 +59,7 @@ class Client:
 
     @property
     def connected(self) -> bool:
-        """True if a router is connected now. While disconnected, no message arrives and the client keeps trying to connect."""
+        """True if a router is connected now. Otherwise no message arrives, and the client keeps trying to connect."""
         return self._bus.connected
 
     def corrected(
@@ -103,21 +104,23 @@ class Client:
     def revisions(
         self, device: Devices = None, *, history: bool = True, idle_s: float | None = None, queue: int = QUEUE
     ) -> Stream[BiasRevision]:
-        """Return a stream of bias revisions: better estimates of the past bias, in rad/s. `revised` applies them to a batch.
+        """Return a stream of bias revisions: better estimates of the past bias, in rad/s.
 
-        device: one id, several ids, or None for all. history: True delivers the last few revisions first. idle_s:
-        iteration ends after this time without a revision, or when the stream is closed. queue: largest number of unread
-        messages; beyond it, the oldest are dropped.
+        `revised` applies a revision to a batch. device: one id, several ids, or None for all. history: True delivers
+        the last few revisions first. idle_s: iteration ends after this time without a revision, or when the stream is
+        closed.
+        queue: largest number of unread messages; beyond it, the oldest are dropped.
         """
         return self._stream("revision", codec.decode_revision, device, idle_s, history=history, queue=queue)
 
     def orientation(
         self, device: Devices = None, *, idle_s: float | None = None, queue: int = QUEUE
     ) -> Stream[OrientationBatch]:
-        """Return a stream of attitudes: quaternions sensor to earth, scalar first, covariance in rad² (docs/orientation.md).
+        """Return a stream of attitudes: quaternions sensor to earth, scalar first, and covariance in rad².
 
-        A message follows each corrected batch. Attitudes are computed only while a program subscribes, starting about a
-        second after the subscription; there is no history. device: one id, several ids, or None for all.
+        A message follows each corrected batch (docs/orientation.md). Attitudes are computed only while a program
+        subscribes, starting about a second after the subscription; there is no history. device: one id, several ids, or
+        None for all.
         idle_s: iteration ends after this time without a message, or when the stream is closed. queue: largest number of
         unread messages; beyond it, the oldest are dropped.
         """
@@ -126,10 +129,11 @@ class Client:
     def windows(
         self, device: Devices = None, *, idle_s: float | None = None, queue: int = QUEUE
     ) -> Stream[WindowBatch]:
-        """Return a stream of window statistics at 10 Hz, of readings and corrected rates in rad/s, for many devices at once.
+        """Return a stream of window statistics at 10 Hz, of readings and corrected rates in rad/s.
 
-        Each window has mean, standard deviation, minimum and maximum. Messages arrive about once a second, without
-        history, and are made only while a program subscribes. device: one id, several ids, or None for all.
+        For programs that show many devices. Each window has mean, standard deviation, minimum and maximum. Messages
+        arrive about once a second, without history, and are made only while a program subscribes. device: one id,
+        several ids, or None for all.
         idle_s: iteration ends after this time without a message, or when the stream is closed. queue: largest number of
         unread messages; beyond it, the oldest are dropped.
         """
@@ -145,10 +149,10 @@ class Client:
         return self._stream("raw", codec.decode_samples, device, history=history, queue=queue)
 
     def follow(self, device: Devices = None) -> Stream[Status]:
-        """Return a stream of device statuses (state, quality, bias in rad/s, counts), the latest known of each device first.
+        """Return a stream of device statuses: state, quality, bias in rad/s, and counts.
 
-        Statuses of an estimator that has lost the device to another estimator are left out. device: one id, several
-        ids, or None for all.
+        The latest status of each device comes first. Statuses of an estimator that has lost the device to another
+        estimator are left out. device: one id, several ids, or None for all.
         """
         return self._stream("status", codec.decode_status, device, wanted=_current())
 
@@ -167,7 +171,7 @@ class Client:
         return self._stream("calibration", codec.decode_calibration, device)
 
     def follow_notes(self, device: Devices = None) -> Stream[Note]:
-        """Return a stream of notes, texts that people attach to a moment of a device; the last few of each device come first.
+        """Return a stream of notes, which people attach to a moment of a device; the last few of each device come first.
 
         device: one id, several ids, or None for all.
         """
@@ -233,8 +237,7 @@ class Client:
         """Request a new calibration of a device.
 
         who: name of the person or program that asks, for the audit. reason: free text.
-        Returns the estimator's reply: accepted or refused, with a message. Raises BusError if no estimator answers, and
-        Refusal for an invalid device id.
+        Returns the estimator's reply: accepted or refused, with a message. Raises BusError if no estimator answers.
         """
         return self._command(device, "recalibrate", who, reason)
 
@@ -257,9 +260,10 @@ class Client:
     def forget(self, device: str, who: str, reason: str = "", *, erase: bool = False) -> CommandReply:
         """Remove a device from the ward that no longer sends.
 
-        who: name of the person or program that asks, for the audit. erase: True also deletes its entries in the store,
-        except its audit. Returns the estimator's reply, which refuses a device that still sends or is enrolled. Raises
-        BusError if no estimator answers.
+        who: name of the person or program that asks, for the audit. reason: free text. erase: True also deletes its
+        entries in the store, except its audit.
+        Returns the estimator's reply, which refuses a device that still sends or is enrolled. Raises BusError if no
+        estimator answers.
         """
         return self._command(device, "erase" if erase else "forget", who, reason)
 
@@ -272,9 +276,9 @@ class Client:
         return self._command(device, "zero-heading", who, reason)
 
     def place(self, device: str, who: str, placement: Placement) -> CommandReply:
-        """Set the placement of a device from now on: its place on a body, and the wearer; an empty one ends the present one.
+        """Set the placement of a device from now on: its place on a body, and the wearer.
 
-        who: name of the person or program, for the audit.
+        placement: an empty one ends the present one. who: name of the person or program, for the audit.
         Returns the estimator's reply: accepted or refused, with a message. Raises BusError if no estimator answers.
         """
         return self._command(device, "place", who, "", placement)

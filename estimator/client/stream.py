@@ -30,6 +30,7 @@ class Stream(AsyncIterator[T], Generic[T]):
     decoder: converts bus messages to T; invalid messages are skipped and counted. wanted(message): True if the message
     is to be delivered. idle_s: iteration ends after this time without a message, or when the stream or its client is
     closed.
+    nothing: warning to log if no message arrives within NOTHING_S; empty for no warning.
 
     If a program reads too slowly, the oldest unread messages are dropped, counted in `dropped`, and logged once. Other
     programs are not affected.
@@ -79,7 +80,7 @@ class Stream(AsyncIterator[T], Generic[T]):
         return list(iter(self.pop, None))
 
     def latest(self) -> T | None:
-        """Return the newest message since the last call, or None if none came; older messages are discarded. Does not wait."""
+        """Return the newest message since the last call, or None if none came; discard older messages. Does not wait."""
         return next(reversed(self.drain()), None)
 
     def collect(self, for_s: float) -> list[T]:
@@ -159,7 +160,7 @@ class Corrected(Stream[CorrectedBatch]):
     """Iterator over corrected batches: each sample once and in order, also across restarts of estimator and router.
 
     wait_s: time to wait for missing samples. on_miss: called for each gap that is not filled, between the batch before
-    it and the batch after it. nothing: warning to log if no batch arrives; empty for none.
+    it and the batch after it. nothing: warning to log if no message arrives within NOTHING_S; empty for no warning.
     """
 
     def __init__(

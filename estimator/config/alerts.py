@@ -1,4 +1,4 @@
-"""Table [alerts] of a ward's file: hold times after which faults raise alerts, and the addresses that alerts are sent to."""
+"""Table [alerts] of a ward's file: hold times of faults before an alert, and the addresses that alerts are sent to."""
 
 import os
 import re

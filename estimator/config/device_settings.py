@@ -26,11 +26,11 @@ _TOLERANCES, _BY_HAND = 2.0, 0.01
 
 
 def knobs_of(model: NoiseModel, knobs: SessionKnobs | None = None) -> SessionKnobs:
-    """Derive a device's session settings from its noise model.
+    """Derive a device's session settings, in SI units, from its noise model; where axes differ, the worst axis decides.
 
-    The settings are in SI units (rad/s, s); where the axes differ, the worst axis decides. The flat part of the Allan
-    deviation (bias instability) is modelled twice: as a rate random walk and as flicker noise. knobs: settings that the
-    model does not determine; None for the defaults.
+    The bias instability, the flat part of the Allan deviation, enters twice: as a rate random walk and as flicker
+    noise.
+    knobs: settings that the model does not determine; None for the defaults.
     """
     knobs = knobs or SessionKnobs()
     noise = float(model.arw.max()) * (_USUAL_HZ / 2) ** 0.5
@@ -106,5 +106,5 @@ def treatment(told: "Estimator | None") -> Treatment:
 
 
 def learning(knobs: SessionKnobs) -> SessionKnobs:
-    """Return a copy of the settings in which a worn device's scale and misalignment are refined from its gravity readings."""
+    """Return a copy of the settings in which gravity readings of a worn device refine its scale and misalignment."""
     return replace(knobs, track=replace(knobs.track, learn_matrix=True))

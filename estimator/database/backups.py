@@ -90,7 +90,7 @@ def name_of_copy(backup: Path) -> str:
 def back_up(store: Path, to: Path) -> None:
     """Copy a store, in use or not, to a checked, self-contained file `to`.
 
-    Raises StoreError if `to` exists, Empty if the store has no entries, Damaged if the copy is not intact, and
+    Raises StoreError if `to` exists, Empty if the store has no entries, and Damaged if the copy is not intact. Raises
     Unavailable if a file cannot be read or written.
     """
     if to.exists():

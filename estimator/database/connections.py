@@ -53,8 +53,8 @@ def checked(path: Path, *, ours: bool = False) -> sqlite3.Connection:
     """Check that a store is intact, and return a read-only connection to it.
 
     ours: True if the file is known to be a store, even if its header is damaged.
-    Raises Damaged if the content differs from what was written, StoreError if the file is missing or not a store, and
-    Unavailable if it cannot be read.
+    Raises Damaged if the content differs from what was written, and StoreError if the file is missing or not a store.
+    Raises Unavailable if the file cannot be read.
     """
     db = None
     try:

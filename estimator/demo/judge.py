@@ -43,8 +43,8 @@ class Judgement:
     def good(self) -> bool:
         """True if scale factors and final bias are within their limits, and the corrected heading error is small.
 
-        The limits are 4 standard deviations, bounded by SCALE and BIAS_DPS. Heading: HEADING_DEG, or a share
-        HEADING_SHARE of the raw error.
+        Limits of scale and bias: SIGMAS standard deviations, bounded by SCALE (without unit) and BIAS_DPS. Limit of the
+        heading: HEADING_DEG, or HEADING_SHARE of the largest raw error if that is more.
         """
         left, raw = np.abs(self.corrected_heading_deg).max(), np.abs(self.raw_heading_deg).max()
         return bool(

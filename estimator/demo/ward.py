@@ -142,7 +142,7 @@ class Ward:
             self.complaints.append(f"the {name} ended with exit code {process.returncode}")
 
     def pid(self, name: str) -> int | None:
-        """Return the process id of a program of the ward, or None if it was not started."""
+        """Return the process id of a program of the ward, or None if it was not started or was stopped."""
         process = self._processes.get(name)
         return None if process is None else process.pid
 
@@ -194,8 +194,8 @@ class Ward:
 def free_port() -> int:
     """Return a free TCP port on loopback, outside the range for outgoing connections.
 
-    Otherwise a connection could take the port while the process that listens there is restarted. This process gives out
-    each port once.
+    Inside that range, a connection could take the port while the process that listens there is restarted. While this
+    process runs, this function gives the port to no other process.
     """
     while True:
         port, place = secrets.choice(_LISTENING), socket.socket()  # not `random`: tests seed that alike

@@ -44,7 +44,10 @@ class Read:
         return values if triple.factor in (None, 1.0) else values * triple.factor
 
     def times(self, clock: Clock) -> Floats:
-        """Return times (n,) in the column's own unit; for times written as text, s since the midnight before the first."""
+        """Return times (n,) in the column's own unit.
+
+        Times written as text are returned in s since the midnight before the first.
+        """
         return seconds_of(self.texts[clock.at]) if clock.text else self.column(clock.at)
 
     def line(self, row: int) -> int:

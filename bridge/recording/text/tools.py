@@ -79,9 +79,9 @@ class Tool(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     time: Time | None = None
 
     def is_of(self, path: Path, names: list[str]) -> bool:
-        """Return True if a file is an export of this tool: its name fits, and its column names include those of `header`.
+        """Return True if a file is an export of this tool, by its name and its column names.
 
-        names: column names of the file.
+        names: column names of the file, which must include those of `header`.
         """
         there = set(names)
         fits = fnmatch(path.name.lower(), self.file.lower())
