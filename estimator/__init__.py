@@ -1,4 +1,4 @@
-"""Calibrates and tracks every gyroscope of a ward, and republishes corrected rates.
+"""Estimator: calibrates and tracks every gyroscope of a ward, and publishes corrected rates.
 
-docs/architecture.md maps the rooms. The Python door is the package `truerate`.
+docs/architecture.md lists the packages. The public Python interface is the package `truerate`.
 """

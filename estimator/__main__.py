@@ -1,4 +1,4 @@
-"""`python -m estimator`: the command `truerate`."""
+"""Entry point of `python -m estimator`, which runs the command `truerate`."""
 
 import sys
 

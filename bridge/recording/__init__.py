@@ -1,4 +1,4 @@
-"""Recordings: readers and writers of MCAP, .npz, CSV and BIDS, the recorder of a ward, recovery and surveys.
+"""Recordings: readers of many file formats, writers of MCAP, .npz, CSV and BIDS, the recorder of a ward, and recovery.
 
 Public function: `load` reads one device's samples from any supported file, in SI units.
 """

@@ -1,4 +1,4 @@
-"""Drops rows with missing or impossible rates, fills gaps in the other columns, and finds rows written twice."""
+"""Repair of bad rows: drops rows with missing or impossible rates, fills gaps in other columns, finds repeated rows."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -33,9 +33,9 @@ Place = Callable[[str, int, int], tuple[str, str]]
 
 
 def in_arrays(column: str, sample: int, _axis: int) -> tuple[str, str]:
-    """Return the words that name a value of a file of arrays in an error: the column, and ` at sample N`.
+    """Return the texts that name a value of an array in an error: the column, and ` at sample N`.
 
-    This function is the Place for files whose columns have no names of their own.
+    This function is the `Place` of files whose columns have no names of their own.
     """
     return repr(column), f" at sample {sample}"
 
@@ -43,9 +43,10 @@ def in_arrays(column: str, sample: int, _axis: int) -> tuple[str, str]:
 def drop_bad_rows(path: Path, columns: dict[str, Floats], place: Place, notes: list[str]) -> None:
     """Drop rows whose rate is missing or impossible; interpolate gaps in acceleration and temperature.
 
-    columns: in SI units, by name; changed in place. place: names a value in an error. notes: gets a sentence per
-    repair. If rows are dropped, the column `row` keeps the old numbers of the others. Raises RecordingError if too many
-    rows are bad.
+    columns: in SI units, by name; changed in place. An acceleration or temperature with too few good rows is removed.
+    If rows are dropped, the column `row` holds the former numbers of the remaining rows.
+    place: names a value in an error. notes: a sentence is added for each repair.
+    Raises RecordingError if more than 20 % of the rows have bad rates or times.
     """
     gyro = columns["gyro_rad_s"]
     limit = _LIMITS["gyro_rad_s"][0]
@@ -78,7 +79,10 @@ def drop_bad_rows(path: Path, columns: dict[str, Floats], place: Place, notes: l
 
 
 def keep_rows(columns: dict[str, Floats], rows: Flags | NDArray[np.intp]) -> None:
-    """Keep the chosen rows of every column, in place. rows: mask (n,) or indices. A column () stays as it is."""
+    """Keep only the chosen rows of every column, in place.
+
+    columns: arrays by name; an array without rows, of shape (), stays as it is. rows: mask (n,), or indices (m,).
+    """
     for name, column in columns.items():
         if column.ndim:
             columns[name] = column[rows]
@@ -101,7 +105,10 @@ def _filled(column: Floats, limit: float) -> Floats | None:
 
 
 def interpolated(column: Floats, good: Flags) -> Floats:
-    """Replace the values of a column (n,) that are not good by linear interpolation over the rows."""
+    """Replace the bad values of a column (n,) by linear interpolation over the row number, in the column's unit.
+
+    good (n,): True for each value to keep.
+    """
     rows = np.arange(len(column))
     return np.interp(rows, rows[good], column[good])
 
@@ -120,15 +127,19 @@ def _wrong_values(name: str, column: Floats, place: Place) -> str:
 
 
 def repeated(time: Floats, values: Floats) -> Flags:
-    """Return a mask (n,) of the rows that were written twice.
+    """Return a mask (n,), True for each row that was written twice.
 
-    Such a row equals an earlier row in time (n,) and in all values (n, c).
+    Such a row equals an earlier row in time (n,), s or counts, and in all values (n, c).
     """
     return _seen_before(np.column_stack([time, values]))
 
 
 def repeated_without_time(values: Floats) -> Flags:
-    """Return a mask (n,) of the rows whose values (n, c) equal an earlier row's, if chance does not explain that."""
+    """Return a mask (n,), True for each row that equals an earlier row in all values (n, c).
+
+    Rows count as repeated only if chance explains few of them. The probability of chance equality is estimated from
+    rows at other distances.
+    """
     n = len(values)
     none = np.zeros(n, bool)
     if n <= 2 * max(_LAGS):

@@ -1,7 +1,7 @@
 """Exports recordings as a BIDS-Motion dataset (Brain Imaging Data Structure).
 
-Each device is a tracking system, each of its boots a run. Sources: https://bids-specification.readthedocs.io, "Motion";
-Jeung et al., Scientific Data 11, 2024.
+Each device is a tracking system; each boot of a device is a run. Sources: https://bids-specification.readthedocs.io,
+"Motion"; Jeung et al., Scientific Data 11, 2024.
 """
 
 import json
@@ -51,7 +51,10 @@ _CHANNELS = (
 
 @dataclass(frozen=True, slots=True)
 class Channel:
-    """A column of a motion file: values (n,), with its BIDS name, component (axis), type, unit and description."""
+    """Column of a BIDS motion file: name, component (axis), type, unit and description, as BIDS defines them.
+
+    values (n,): in the unit `units`.
+    """
 
     name: str
     component: str
@@ -63,9 +66,9 @@ class Channel:
 
 @dataclass(frozen=True, slots=True)
 class Session:
-    """Labels of a BIDS session: subject, task and, if any, session; of letters and digits, never a person's name.
+    """Labels of a BIDS session: subject, task and, if any, session. Never use a person's name.
 
-    Raises RecordingError for any other character.
+    Raises RecordingError for a label with other characters than letters and digits.
     """
 
     subject: str
@@ -79,20 +82,20 @@ class Session:
 
     @property
     def stem(self) -> str:
-        """Beginning of every file name of the session, such as sub-01_ses-02."""
+        """First part of every file name of the session, such as sub-01_ses-02."""
         return f"sub-{self.subject}" + (f"_ses-{self.session}" if self.session else "")
 
     @property
     def folder(self) -> Path:
-        """The session's folder, relative to the dataset, such as sub-01/ses-02."""
+        """Folder of the session, relative to the dataset, such as sub-01/ses-02."""
         return Path(f"sub-{self.subject}", *([f"ses-{self.session}"] if self.session else []))
 
 
 def export_bids(recorded: Recorded, folder: Path, session: Session) -> list[Path]:
-    """Write a BIDS-Motion dataset, or add a subject to an existing one; return the motion and event files written.
+    """Write a BIDS-Motion dataset, or add a subject to an existing one; returns the motion and event files written.
 
-    folder: of the dataset. Raises RecordingError if a file of the session exists already, two devices get the same
-    label, or the folder cannot be made.
+    folder: folder of the dataset. Raises RecordingError if a file of the session exists already, if two devices get the
+    same label, or if the folder cannot be made.
     """
     systems = _systems(list(recorded.stretches))
     home = folder / session.folder
@@ -134,7 +137,7 @@ def export_bids(recorded: Recorded, folder: Path, session: Session) -> list[Path
 def channels(stretch: Stretch) -> list[Channel]:
     """Return the columns of the motion file of a stretch (samples of one boot), in the order of the file.
 
-    Times are in s, rates in rad/s, accelerations in m/s², standard deviations of angles in rad, temperatures in °C.
+    Units: s for times, rad/s for rates, m/s² for accelerations, rad for standard deviations of angles, °C.
     """
     there, found = stretch.columns, list[Channel]()
     for name, column, kind, units, words in _CHANNELS:
@@ -148,9 +151,9 @@ def channels(stretch: Stretch) -> list[Channel]:
 
 
 def sidecar(stretch: Stretch, task: str, system: str) -> dict[str, Any]:
-    """Return the content of a stretch's *_motion.json file, by BIDS field.
+    """Return the content of a stretch's *_motion.json file, by BIDS field; a stretch has the samples of one boot.
 
-    system: label of the tracking system (device).
+    task: BIDS label of the task. system: label of the tracking system (device).
     """
     found = channels(stretch)
     counts = {

@@ -1,4 +1,4 @@
-"""Repairs sample times: counter wraps, swapped rows, single bad times, coarse clocks, times of arrival, reboots.
+"""Repairs sample times: counter wraps, swapped rows, single bad times, coarse clocks, arrival times; finds reboots.
 
 Each fault has its own detector and its own note to the user. Times without a fault are left unchanged.
 """
@@ -32,14 +32,14 @@ _ARRIVAL = "the times are arrival times, in bursts: the samples are placed at ev
 
 
 class ClockFault(Exception):
-    """Sample times cannot be repaired; the message says how they are wrong and what to do."""
+    """Sample times cannot be repaired; the message describes the fault and what to do."""
 
 
 class Mended(NamedTuple):
-    """Repaired times of a recording.
+    """Repaired sample times of a recording.
 
-    order (m,): indices of the rows, in order of time. time (m,): s, rising within each boot.
-    starts: index of each boot's first row. arrival: whether the times were those of arrival.
+    order (m,): row indices, in order of time. time (m,): s, rising within each boot. starts: index into `time` of each
+    boot's first row. arrival: True if the file's times were times of arrival, in bursts.
     """
 
     order: Indices
@@ -49,11 +49,11 @@ class Mended(NamedTuple):
 
 
 def mend(time: Floats, tick_s: float, notes: list[str]) -> Mended:
-    """Repair the sample times (n,) of a recording, in s, NaN where one is missing.
+    """Repair the sample times (n,) of a recording, s, NaN where a time is missing; find reboots.
 
-    Repaired are counter wraps, swapped rows, single bad times, coarse clocks and times of arrival; reboots are found.
-    tick_s: seconds per count of the file's time column, 0 when unknown. notes: gets a sentence per repair. Raises
-    ClockFault if the times cannot be repaired.
+    Repaired faults: counter wraps, swapped rows, single bad times, coarse clocks, and times of arrival.
+    tick_s: duration of a count of the file's time column, 0 if unknown. notes: a sentence is added for each repair.
+    Raises ClockFault if the times cannot be repaired.
     """
     order = np.arange(len(time))
     time = _filled(time, notes)

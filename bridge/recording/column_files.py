@@ -1,4 +1,4 @@
-"""Writes columns of samples, by name, to a file: .npz and .h5 hold arrays, .csv and .parquet a column per axis."""
+"""Writer of sample columns to a file: .npz and .h5 hold arrays, .csv and .parquet one column per axis."""
 
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any, BinaryIO
@@ -18,9 +18,10 @@ Tell = Callable[[int, int], None]
 def write(
     file: BinaryIO, ending: str, columns: Columns, facts: Mapping[str, NDArray[np.generic]], tell: Tell | None = None
 ) -> None:
-    """Write columns (n,), (n, 3) or (n, 4) by name, in the format of an ending of ENDINGS.
+    """Write columns of samples to a file, in the format of an ending of ENDINGS.
 
-    facts: arrays about the whole recording, which only .npz and .h5 hold. tell(done, n): progress in rows.
+    columns: arrays (n,), (n, 3) or (n, 4) by name; the name states the unit. facts: arrays about the whole recording,
+    which only .npz and .h5 hold. tell(done, n): called with the number of rows written.
     """
     if ending == ".npz":
         np.savez(file, allow_pickle=False, **columns, **facts)
@@ -61,9 +62,9 @@ def _names(column: str, values: NDArray[np.generic]) -> list[str]:
 
 
 def rows_of(values: list[NDArray[np.generic]], separator: str = ",", missing: str = "nan") -> Iterator[tuple[int, str]]:
-    """Yield the rows of columns (n,) as text, some thousands at a time, with the number of rows done.
+    """Yield the rows of columns (n,) as text, some thousands at a time, each text with the number of rows done so far.
 
-    missing: text that replaces NaN.
+    values: the columns. separator: text between cells. missing: text that replaces NaN.
     """
     forms = [{"f4": "%.9g", "f8": "%.9f"}.get(column.dtype.str[1:], "%s") for column in values]
     row_form, n = separator.join(forms) + "\n", len(values[0])

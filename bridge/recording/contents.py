@@ -1,4 +1,4 @@
-"""Reads the decoded messages of recordings, validated as on the bus; several files, also torn ones, are read as one."""
+"""Reader of the decoded messages of recordings, validated as on the bus; accepts several files, also damaged ones."""
 
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -17,7 +17,7 @@ Tell = Callable[[int, int], None]
 
 
 class Heard(NamedTuple):
-    """One message of a recording: its parsed key and its decoded content."""
+    """Message of a recording: its parsed bus key and its decoded content."""
 
     key: keys.Key
     said: Said
@@ -28,9 +28,9 @@ def contents(
 ) -> Iterator[Heard]:
     """Yield the decoded messages of a ward's recording files, earliest file first.
 
-    wanted: kinds of message to decode, by the first word of their topic; empty means all. tell(done, total): progress,
-    bytes. refused: counts the messages that could not be decoded. trouble: gets what is wrong with each file. Raises
-    RecordingError for a file that is not a recording of a ward.
+    wanted: kinds of message to decode, by the first word of their topic; empty for all. tell(done, total): called with
+    the bytes read. refused: counts messages that could not be decoded. trouble: a sentence is added for each fault of a
+    file. Raises RecordingError for a file that is not a recording of a ward.
     """
     for path in paths:
         check_file(path)

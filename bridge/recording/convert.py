@@ -1,4 +1,4 @@
-"""Converts a recording of one device, read from any supported file, to .npz, .csv, .h5, .parquet or .mcap."""
+"""Converter of a recording of one device, from any supported file to .npz, .csv, .h5, .parquet or .mcap."""
 
 from itertools import pairwise
 from pathlib import Path
@@ -25,7 +25,10 @@ _BATCH = 256
 
 
 def check_ending(out: Path) -> None:
-    """Raise RecordingError if an output file's format, package or folder is not available, before any input is read."""
+    """Check, before any input is read, that an output file can be written.
+
+    Raises RecordingError if its ending is unknown, or its optional package or its folder is missing.
+    """
     check_extra(out)
     if out.suffix.lower() not in ENDINGS:
         raise RecordingError(f"{out}: unknown ending {out.suffix!r}: use {', '.join(ENDINGS)}")
@@ -34,12 +37,11 @@ def check_ending(out: Path) -> None:
 
 
 def convert(recording: Recording, out: Path, device: str, begin_ns: int, *, per_sample: bool = False) -> None:
-    """Write a recording of one device to a new file.
+    """Write a recording of one device to a new file, in the format of its ending: .npz, .csv, .h5, .parquet or .mcap.
 
-    The ending of `out` chooses the format: .npz, .csv, .h5, .parquet, .mcap.
-    device: id to write. begin_ns: host time of the first sample, ns since the Unix epoch.
-    per_sample: in a .mcap, write each sample also as one ROS 2 message. Raises RecordingError; Refusal for an invalid
-    id.
+    device: id to write. begin_ns: host time of the first sample, ns since the Unix epoch. per_sample: in a .mcap, write
+    each sample also as one ROS 2 message.
+    Raises RecordingError if the file exists or cannot be written, and Refusal for an invalid id.
     """
     keys.check_id(device, "--device")
     stretch = _stretch(recording, device, begin_ns)

@@ -1,4 +1,4 @@
-"""The error for recordings that cannot be used, and a check that a path is readable."""
+"""Error for recordings that cannot be used, and a check that a path is readable."""
 
 from pathlib import Path
 
@@ -8,10 +8,13 @@ MAX_BYTES = 1 << 29  # limit for a file read into arrays, and for its unpacked s
 
 
 class RecordingError(Exception):
-    """A recording cannot be used: the message names the file, its content, and what was expected."""
+    """A recording cannot be used, or not be written: the message names the file, the fault, and what to do."""
 
 
 def check_file(path: Path) -> None:
-    """Raise RecordingError for a path that cannot be read. The path is not opened, because a pipe would block."""
+    """Check that a path can be read. Raises RecordingError if not.
+
+    The path is not opened, because opening a pipe would block.
+    """
     if why := os_errors.unreadable(path):
         raise RecordingError(f"{path}: cannot be read: {why}")

@@ -1,12 +1,13 @@
-"""Exports recordings as .npz or .csv, a file per device and boot, which `bridge.recording.load` reads back.
+"""Exports recordings as .npz or .csv, one file per device and boot; `bridge.recording.load` reads the files back.
 
-npz: `t_s`, `gyro_rad_s`, `accel_m_s2`, `temperature_c` and `rate_hz` as `load` takes them, with `device` and `boot`.
-Per sample also `host_time_ns`, `sequence` and `flags`. If corrected rates were recorded: `rate_rad_s`, `rate_std_rad_s`
-and `bias_rad_s` (n, 3), NaN for a sample without a corrected rate, and `quality` (n,), -1 there. If orientation was recorded:
-`quat_wxyz` (n, 4), scalar first, `tilt_std` and `heading_std` (n,) rad, NaN for a sample without one.
+.npz: `t_s` (n,), `gyro_rad_s` (n, 3), `accel_m_s2` (n, 3), `temperature_c` (n,), `rate_hz`, `device` and `boot`.
+Per sample also `host_time_ns`, `sequence` and `flags`, (n,) each.
+If corrected rates were recorded: `rate_rad_s`, `rate_std_rad_s` and `bias_rad_s` (n, 3), NaN for a sample without a
+corrected rate, and `quality` (n,), -1 there. If orientation was recorded: `quat_wxyz` (n, 4), scalar first,
+`tilt_std` and `heading_std` (n,), rad, NaN for a sample without one.
 
-CSV: the same columns, one per axis; the quality is a number. `events.csv` lists boots, calibrations and notes.
-HDF5 has the arrays of npz, Parquet the columns of CSV.
+.csv: the same columns, one per axis; the quality is a number. `events.csv` lists boots, calibrations and notes.
+HDF5 has the arrays of .npz, Parquet the columns of .csv.
 """
 
 import csv
@@ -32,9 +33,10 @@ BOOT, BEGIN = "boot", "recording begins"
 
 
 class Event(NamedTuple):
-    """A boot, calibration, note or placement of a device, with its host time in ns since the Unix epoch.
+    """Boot, calibration, note or placement of a device, at one host time.
 
-    boot: boot id. event: kind of event, such as `note by nurse-2`. text: content of the note, or result.
+    time_ns: ns since the Unix epoch. boot: 64-bit boot number. event: kind of event, such as `note by nurse-2`.
+    text: content of the note, or result.
     """
 
     time_ns: int
@@ -45,7 +47,7 @@ class Event(NamedTuple):
 
 
 def export(recorded: Recorded, folder: Path, ending: str) -> list[Path]:
-    """Write a file per stretch (boot of a device) and events.csv to a folder, and return the files.
+    """Write a recording to a folder, one file per stretch (boot of a device) and events.csv; returns the files.
 
     ending: format of the files, one of column_files.ENDINGS. Raises RecordingError if a file exists already or cannot
     be written.
@@ -68,7 +70,7 @@ def export(recorded: Recorded, folder: Path, ending: str) -> list[Path]:
 
 
 def make_folder(folder: Path) -> None:
-    """Make a folder in an existing one, if it does not exist yet. Raises RecordingError if it cannot be made."""
+    """Make a folder inside an existing folder, unless it exists. Raises RecordingError if it cannot be made."""
     try:
         folder.mkdir(exist_ok=True)
     except FileNotFoundError:
@@ -80,7 +82,7 @@ def make_folder(folder: Path) -> None:
 
 
 def events(recorded: Recorded) -> list[Event]:
-    """Return boots, calibrations, notes and placements of a recording as events, in order of time.
+    """Return the boots, calibrations, notes and placements of a recording as events, in order of time.
 
     A boot that began before the recording has the event BEGIN instead of BOOT.
     """
@@ -108,7 +110,7 @@ def _from_its_boot(stretch: Stretch) -> bool:
 
 
 def facts(stretch: Stretch) -> Columns:
-    """Return what a file of arrays says of a whole stretch: device, boot and, if known, its rate in Hz."""
+    """Return arrays that describe a whole stretch (samples of one boot): device, boot and, if known, rate_hz."""
     told: Columns = {"device": np.array(stretch.device), "boot": np.array(boot_id(stretch.boot))}
     return {**told, "rate_hz": np.array(stretch.rate_hz)} if stretch.rate_hz else told
 
@@ -124,5 +126,8 @@ def _write_events(file: BinaryIO, recorded: Recorded) -> None:
 
 
 def harmless(text: str) -> str:
-    """Return a text that no spreadsheet takes for a formula: one beginning with `=`, `+`, `-` or `@` gets a quote."""
+    """Return a text that a spreadsheet does not treat as a formula.
+
+    A quote is put before a text that begins with `=`, `+`, `-` or `@`.
+    """
     return f"'{text}" if text.startswith(("=", "+", "-", "@")) else text

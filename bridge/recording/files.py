@@ -1,4 +1,4 @@
-"""Files of a recorder: NAME.mcap.part, locked, while being written; NAME.mcap when finished."""
+"""Files of a recorder: NAME.mcap.part, locked, during recording; NAME.mcap when finished."""
 
 import contextlib
 import errno
@@ -19,9 +19,9 @@ PART = ".part"
 
 
 class Finished(NamedTuple):
-    """A finished recording.
+    """Finished recording file.
 
-    bytes: size of the file. ended_ns: when it was last written, host time, ns since the Unix epoch.
+    bytes: size of the file. ended_ns: host time of the last write, ns since the Unix epoch.
     """
 
     path: Path
@@ -30,9 +30,9 @@ class Finished(NamedTuple):
 
 
 class Output:
-    """Recording that is being written, under its final name plus .part. Raises FileExistsError if that file exists.
+    """Recording file that is being written, under its final name plus .part.
 
-    path: the final name. file: the open file, unbuffered and locked.
+    path: the final name. file: the open file, unbuffered and locked. Raises FileExistsError if the file exists already.
     """
 
     def __init__(self, path: Path) -> None:
@@ -42,26 +42,26 @@ class Output:
             lock(self.file.fileno())
 
     def sync(self) -> None:
-        """Wait until the written data is on the disk. Raises OSError if the file was removed meanwhile."""
+        """Wait until the written data is on the disk. Raises OSError if the disk fails or the file was removed."""
         os.fsync(self.file.fileno())
         if not os.fstat(self.file.fileno()).st_nlink:
             raise FileNotFoundError(f"{with_part(self.path).name} was removed while it was being written")
 
     def finish(self) -> None:
-        """Sync and close the file, and give it its final name. Raises OSError if the disk refuses."""
+        """Sync and close the file, and rename it to its final name. Raises OSError if the disk fails."""
         self.sync()
         self.file.close()  # Windows renames no open file
         with_part(self.path).rename(self.path)
         sync_folder(self.path.parent)
 
     def discard(self) -> None:
-        """Delete the unfinished file."""
+        """Close and delete the unfinished file."""
         self.file.close()
         with_part(self.path).unlink(missing_ok=True)
 
 
 class Folder:
-    """A ward's folder of recordings: makes new files and finds unfinished and finished ones.
+    """Folder of a ward's recordings: creates new files, and finds unfinished and finished files.
 
     Raises RecordingError if the folder is missing or not writable.
     """
@@ -78,9 +78,9 @@ class Folder:
             )
 
     def begin(self, wall_ns: int) -> Output:
-        """Create a new file WARD-TIME.mcap.part, locked for writing. wall_ns: UTC in its name, ns since the Unix epoch.
+        """Create a new file WARD-TIME.mcap.part, locked for writing.
 
-        Raises OSError if the file cannot be made.
+        wall_ns: UTC for the name, ns since the Unix epoch. Raises OSError if the file cannot be created.
         """
         name = f"{self._ward}-{datetime.fromtimestamp(wall_ns // 1_000_000_000, UTC):%Y%m%dT%H%M%SZ}"
         for number in range(1, 1000):
@@ -93,7 +93,7 @@ class Folder:
         )
 
     def free_bytes(self) -> int:
-        """Return the number of free bytes on the disk for users other than root."""
+        """Return the number of bytes on the disk that are free for users other than root."""
         return shutil.disk_usage(self.path).free
 
     def leftovers(self) -> list[Path]:
@@ -101,7 +101,10 @@ class Folder:
         return [path for path in sorted(self.path.glob(f"{self._ward}-*.mcap{PART}")) if not in_use(path)]
 
     def finished(self) -> list[Finished]:
-        """Return this ward's finished recordings with size and time, oldest first by the times in their names."""
+        """Return this ward's finished recordings, with size and time of the last write.
+
+        The oldest comes first, by the time in the name.
+        """
         named = re.compile(re.escape(self._ward) + r"-\d{8}T\d{6}Z(-\d+)?\.mcap")
         found = []
         for path in sorted(self.path.iterdir()):
@@ -111,10 +114,10 @@ class Folder:
         return found
 
     def expired(self, more_bytes: int, now_ns: int, keep_s: float, keep_bytes: float) -> Iterator[tuple[Finished, str]]:
-        """Yield the recordings to delete, oldest first, each with the setting that demands it: keep_days or keep_gb.
+        """Yield the recordings to delete, oldest first, each with the setting that requires it: keep_days or keep_gb.
 
-        more_bytes: size of the recording under way, which counts and is never deleted.
-        now_ns: host time, ns since the Unix epoch. keep_s: longest age, s. keep_bytes: largest size of all together.
+        more_bytes: size of the recording under way, which counts and is never deleted. now_ns: host time, ns since the
+        Unix epoch. keep_s: largest age, s. keep_bytes: largest total size.
         """
         finished = self.finished()
         left = more_bytes + sum(one.bytes for one in finished)
@@ -126,7 +129,7 @@ class Folder:
             yield one, "keep_days" if too_old else "keep_gb"
 
     def said(self, error: OSError) -> str:
-        """Return a sentence on why a write to the folder failed, and what to do."""
+        """Return a sentence on why a write to the folder failed, and what to do. error: raised by the write."""
         if error.errno == errno.EFBIG:
             return (
                 f"the file may not grow further: raise the limit (ulimit -f), or the quota of the disk of {self.path}"
@@ -135,19 +138,19 @@ class Folder:
 
 
 def with_part(path: Path) -> Path:
-    """Return the path of a file while it is being written: with .part at its end."""
+    """Return the path of a file during recording: its final path with .part appended."""
     return path.with_name(path.name + PART)
 
 
 def recorded_in(path: Path) -> str:
-    """Return a sentence on where a recording is and, if it is unfinished, how to recover it."""
+    """Return a sentence for the user that names a recording's path and, if unfinished, the command to recover it."""
     return f"recorded in {path}" + (
         f": complete it with truerate recording recover {path}" if path.suffix == PART else ""
     )
 
 
 def check_new(paths: Iterable[Path]) -> None:
-    """Raise RecordingError if one of the files exists already, before any of them is written."""
+    """Check that none of some files exists, before any of them is written. Raises RecordingError if one exists."""
     for path in paths:
         if path.exists():
             raise RecordingError(
@@ -157,9 +160,10 @@ def check_new(paths: Iterable[Path]) -> None:
 
 @contextlib.contextmanager
 def new_file(path: Path, *, replace: bool = False) -> Iterator[BinaryIO]:
-    """Context of a new file that appears under its name, complete and synced, only if the block ends without an error.
+    """Open a new file for writing as a context; the file gets its name only when the block ends without an error.
 
-    replace: an existing file is replaced. Raises RecordingError if the file exists already or cannot be written.
+    The file is then complete and on the disk. replace: True replaces an existing file.
+    Raises RecordingError if the file exists already or cannot be written.
     """
     if not replace:
         check_new([path])
@@ -180,7 +184,7 @@ def new_file(path: Path, *, replace: bool = False) -> Iterator[BinaryIO]:
 
 
 def in_use(path: Path) -> bool:
-    """Return whether a recorder has the file open, which its lock shows; False if the file cannot be opened."""
+    """Return True if a recorder has the file open, which its lock shows; False if the file cannot be opened."""
     try:
         with path.open("rb") as file:
             return not lock(file.fileno(), shared=True)
@@ -189,7 +193,7 @@ def in_use(path: Path) -> bool:
 
 
 def sync_folder(path: Path) -> None:
-    """Sync a folder's names to the disk, so that a new name survives a power loss; errors are ignored."""
+    """Sync a folder to the disk, so that a new file name survives a power loss; errors are ignored."""
     with contextlib.suppress(OSError):
         folder = os.open(path, os.O_RDONLY)
         try:

@@ -1,4 +1,4 @@
-"""Inspects a recording: rate, gaps, noise at rest, gravity, and the reader's notes and doubts."""
+"""Inspection of a recording: rate, gaps, noise at rest, gravity, and the notes of its reader."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -10,13 +10,15 @@ from bridge.recording.recording import Recording
 
 
 def findings(recording: Recording) -> dict[str, Any]:
-    """Inspect a recording; returns JSON-compatible values in SI units.
+    """Inspect a recording; returns JSON-compatible values in SI units, by name.
 
-    samples: number of samples. rate_hz: the rate in use; measured_hz: the rate by the median step.
-    gaps: of each, after_s, the time of the last sample before it, s since the first sample, and missing, number of
-    samples. noise, rest_mean (3,): standard deviation and mean of the quietest second, rad/s. most (3,): largest
-    absolute rates, rad/s. gravity: median length of the acceleration, m/s²; None without an accelerometer.
-    temperature_c: lowest and highest, or None. notes: what the reader understood, repaired or doubted.
+    samples: number of samples. duration_s. rate_hz: rate in use. measured_hz: rate by the median time step.
+    gaps: per gap, after_s (time of the last sample before it, s since the first sample) and missing (number of
+    samples).
+    noise, rest_mean (3,): standard deviation and mean of the readings in the quietest second, rad/s.
+    most (3,): largest absolute readings, rad/s. gravity: median length of the acceleration, m/s²; None without an
+    accelerometer. temperature_c: lowest and highest, or None. notes: sentences of the reader on assumptions and
+    repairs.
     """
     missing = np.diff(recording.sequence) - 1
     rest = recording.gyro[quietest(recording.gyro, recording.rate_hz)]
@@ -39,7 +41,10 @@ def findings(recording: Recording) -> dict[str, Any]:
 
 
 def sentences(found: Mapping[str, Any]) -> list[str]:
-    """Return findings as lines of text for the user; rates in °/s."""
+    """Return the findings of an inspection as lines of text for the user; rates are in °/s.
+
+    found: result of `findings`.
+    """
     noise, mean, most = (
         ", ".join(f"{axis} {value:.4g}" for axis, value in zip("xyz", np.degrees(found[name]), strict=True))
         for name in ("noise", "rest_mean", "most")

@@ -1,7 +1,7 @@
-"""MCAP reader for whole, torn and damaged files: it reads every whole chunk and reports the rest.
+"""MCAP reader for complete, unfinished and damaged files: reads every intact chunk and reports the damage.
 
-The readers of the `mcap` package stop at the first damaged byte. This reader frames each record by its length and lets
-the package parse the record. After damage it resumes at the next chunk whose checksum matches.
+The readers of the `mcap` package stop at the first damaged byte. This reader finds each record by its length, and the
+package parses the record. After damage, reading resumes at the next chunk whose checksum matches.
 """
 
 import struct
@@ -34,9 +34,9 @@ _DAMAGED = (McapError, ValueError, struct.error, OverflowError, MemoryError, zst
 
 
 class Entry(NamedTuple):
-    """One message of an MCAP file as it was written: topic, schema name, payload, and times in ns since the Unix epoch.
+    """Message of an MCAP file as it was written: topic, schema name, channel metadata, times and payload.
 
-    log_ns: log time. publish_ns: publish time.
+    log_ns, publish_ns: log time and publish time, ns since the Unix epoch.
     """
 
     topic: str
@@ -48,11 +48,14 @@ class Entry(NamedTuple):
 
 
 class McapReader:
-    """Reads the messages of one MCAP file, also of a torn or damaged one. Raises RecordingError if the file is no MCAP.
+    """Reader of the messages of one MCAP file, which may be unfinished or damaged.
 
-    file: binary and seekable. place: its name in errors. The following are complete after `entries` has ended.
-    finished: the file has its end. trouble: faults of the file, as sentences. good: bytes examined. size:
-    bytes in all. messages: number of messages read. facts: metadata by name. descriptors: schema data by schema name.
+    file: binary and seekable. place: its name in errors. Raises RecordingError if the file is empty or not MCAP.
+
+    The attributes are complete when the iteration of `entries` has ended. finished: True if the file has its end
+    record.
+    trouble: faults of the file, as sentences. good: number of bytes examined. size: number of bytes of the file.
+    messages: number of messages read. facts: metadata by name. descriptors: schema data by schema name.
     """
 
     def __init__(self, file: BinaryIO, place: str) -> None:

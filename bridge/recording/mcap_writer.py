@@ -1,6 +1,7 @@
-"""MCAP writer for recordings that may be cut off at any moment: each `flush` is in the file completely, or not at all.
+"""MCAP writer for recordings that may be interrupted at any moment.
 
-The `mcap` package's Writer writes the records. Format: https://mcap.dev/spec
+A flushed chunk is in the file completely or not at all. The Writer of the `mcap` package writes the records. Format:
+https://mcap.dev/spec
 """
 
 from collections import Counter
@@ -19,7 +20,7 @@ LIBRARY = "truerate"
 
 
 class Encoding(NamedTuple):
-    """Encoding of a schema and of its messages, as the MCAP specification names them, such as ros2msg and cdr."""
+    """Encoding of a schema and of its messages, by names of the MCAP specification, such as ros2msg and cdr."""
 
     schema: str
     message: str
@@ -30,7 +31,7 @@ ROS2: Final = Encoding("ros2msg", "cdr")
 
 
 def described(file: FileDescriptor) -> bytes:
-    """Return the schema data (a FileDescriptorSet) of a .proto file that imports no other."""
+    """Return the schema data (a serialised FileDescriptorSet) of a .proto file that imports no other."""
     proto = FileDescriptorProto()
     file.CopyToProto(proto)
     return FileDescriptorSet(file=[proto]).SerializeToString()
@@ -65,11 +66,12 @@ class _Held(BytesIO):
 
 
 class McapWriter:
-    """Writes one MCAP file to any binary file. A message is in the file once the `flush` after `add` has returned.
+    """Writer of one MCAP file. A message is in the file when the next `flush` after `add` has returned.
 
-    name, facts: metadata record at the file's beginning. messages: number of messages in the file. pending: not yet
-    flushed. After an OSError the file holds what was flushed before. The `pending` messages are lost, and no more can
-    be added.
+    file: any binary file. name, facts: metadata record at the beginning of the file.
+    messages: number of messages in the file. pending: number of messages not yet flushed.
+    After an OSError, the file contains all flushed messages. The `pending` messages are lost, and none can be added.
+    Raises OSError if the beginning cannot be written.
     """
 
     def __init__(self, file: BinaryIO, name: str, facts: dict[str, str]) -> None:
@@ -86,15 +88,15 @@ class McapWriter:
 
     @property
     def size(self) -> int:
-        """Number of bytes in the file, without those not yet flushed."""
+        """Number of bytes in the file, without messages not yet flushed."""
         return self._held.size
 
     def channel(
         self, topic: str, schema: str, definition: bytes, facts: dict[str, str], *, encoding: Encoding = PROTOBUF
     ) -> int:
-        """Return the number for `add` of the channel of a topic and schema; a new channel is added at the first call.
+        """Return the channel number for a topic and schema, for use in `add`; the first call adds the channel.
 
-        schema, definition: name and data of the schema. facts: the channel's metadata.
+        schema, definition: name and data of the schema. facts: metadata of the channel.
         """
         if schema not in self._schemas:
             self._schemas[schema] = self._writer.register_schema(schema, encoding.schema, definition)
@@ -104,9 +106,9 @@ class McapWriter:
         return self._channels[topic, schema]
 
     def add(self, channel: int, log_ns: int, publish_ns: int, payload: bytes) -> None:
-        """Add one message to a channel; flush if more than HELD_BYTES are held. Raises OSError if that write fails.
+        """Add one message to a channel; flushes if more than HELD_BYTES are not yet flushed.
 
-        log_ns, publish_ns: log and publish time, ns since the Unix epoch.
+        log_ns, publish_ns: log time and publish time, ns since the Unix epoch. Raises OSError if that flush fails.
         """
         self._sequences[channel] += 1
         self._writer.add_message(channel, log_ns, payload, publish_ns, self._sequences[channel] & 0xFFFFFFFF)
@@ -115,16 +117,16 @@ class McapWriter:
             self.flush()
 
     def flush(self) -> None:
-        """End the chunk and append it to the file: as a whole, or not at all.
+        """End the chunk and append it to the file, completely or not at all.
 
-        Raises OSError, for example on a full disk.
+        Raises OSError if the write fails, for example on a full disk.
         """
         self._writer.flush()  # type: ignore[no-untyped-call]
         self.messages += self.pending
         self.pending = 0
 
     def finish(self) -> None:
-        """Write the pending messages, the summary and the end of the file, which is not closed.
+        """Write the pending messages, the summary and the end record; the file stays open.
 
         Raises OSError if the write fails.
         """

@@ -1,6 +1,6 @@
-"""Kinds of messages that are recorded: schema, decoder and time of each.
+"""Kinds of messages that are recorded: schema, decoder and time of each kind.
 
-A channel's topic is the key without `truerate/@v1/<ward>/`; the channel's metadata has the whole key.
+The topic of an MCAP channel is the bus key without `truerate/@v1/<ward>/`; its metadata has the whole key.
 """
 
 from collections.abc import Callable
@@ -28,10 +28,11 @@ Said = SampleBatch | DeviceInfo | CorrectedBatch | OrientationBatch | Status | C
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """One kind of recorded message: its schema name, decoder and time.
+    """Kind of recorded message: its schema name, decoder and time.
 
-    decode(key, payload): the codec's decoder, which raises Refusal. own_ns: name of the message's field with its own
-    time. repeated: every file begins with the latest message of each device, so that each file is readable alone.
+    decode(key, payload): decodes and validates a message, or raises Refusal. own_ns: name of the field with the
+    message's own time, ns since the Unix epoch. repeated: True if every file begins with the latest message of each
+    device, so that each file is readable alone.
     """
 
     schema: str
@@ -40,7 +41,7 @@ class Kind:
     repeated: bool = False
 
     def time_ns(self, said: Said) -> int:
-        """Return the message's own time, ns since the Unix epoch; for samples, the host time of the first."""
+        """Return a message's own time, ns since the Unix epoch; for samples, the host time of the first sample."""
         return int(getattr(said, self.own_ns))
 
 
@@ -62,20 +63,21 @@ DESCRIPTORS = described(pb.DESCRIPTOR)
 
 
 def topic(key: str) -> str:
-    """Return the MCAP topic of a key: the key without `truerate/@v1/<ward>/`."""
+    """Return the MCAP topic of a bus key: the key without `truerate/@v1/<ward>/`."""
     return key.split("/", 3)[3]
 
 
 def log_ns(own_ns: int, now_ns: int) -> int:
-    """Return a message's log time, ns since the Unix epoch: its own time `own_ns`, or the recorder's time `now_ns`.
+    """Return the log time of a message, ns since the Unix epoch.
 
-    The recorder's time is used if the two differ by more than MAX_APART_NS.
+    own_ns: the message's own time, which is used unless it differs by more than MAX_APART_NS from now_ns, the
+    recorder's time. Both are ns since the Unix epoch.
     """
     return own_ns if abs(own_ns - now_ns) <= MAX_APART_NS else now_ns
 
 
 def facts(key: str) -> dict[str, str]:
-    """Return a channel's metadata: its whole key (`key`), the ward, and the ids in the key by name.
+    """Return the metadata of an MCAP channel: the whole bus key (`key`), the ward, and the ids in the key by name.
 
     Raises Refusal for an invalid key.
     """

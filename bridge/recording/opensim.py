@@ -1,4 +1,4 @@
-"""Writes orientations and rates for OpenSim's OpenSense: .sto files with a column per body segment, at common times."""
+"""Writer of .sto files for OpenSim's OpenSense: orientations and rates, a column per body segment, at common times."""
 
 import logging
 import re
@@ -32,9 +32,9 @@ GAP_STEPS = 3.0
 
 
 class Track(NamedTuple):
-    """Orientation of one device at its sample times.
+    """Orientations of one device at its n sample times.
 
-    body: body of the OpenSim model, as far as the recording says it, else the device id.
+    body: segment of the OpenSim model, from the recorded placement; else the device id.
     time_ns (n,): host time, ns since the Unix epoch, rising. quat_wxyz (n, 4): sensor to earth, z up, scalar first.
     rate (n, 3): rad/s, sensor frame; None if unknown.
     """
@@ -56,10 +56,12 @@ def convert(
 ) -> list[str]:
     """Write the orientations and rates of devices as OpenSim .sto files, at the sample times of the first device.
 
-    out: the file of orientations; the file of rates lies beside it, if every device has rates. devices: ids to write,
-    none for all. boot: which boot of a ward's recording, from 1. segments: body of the model by device id; without one,
-    the body of the recorded placement, else the device id. skip_s: seconds to leave out at the beginning. Raises
-    RecordingError. Returns the result as lines for the user.
+    out: file of orientations. The file of rates is written beside it, if every device has rates. devices: ids to write,
+    empty for all. boot: number of the boot in a ward's recording, from 1; None if there is one. segments: body of the
+    model by device id; the default is the body of the recorded placement, else the device id. skip_s: seconds to leave
+    out at the beginning.
+    Returns the result as lines for the user. Raises RecordingError if a device has no orientation, the choice is
+    ambiguous, or a file exists already.
     """
     tracks = [track for track in _tracks(files, boot) if not devices or track.device in devices]
     names = {track.device: segments.get(track.device, track.body) for track in tracks}

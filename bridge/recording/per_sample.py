@@ -1,6 +1,6 @@
-"""Copies of the samples beside the batches, one ROS 2 message each: programs that plot show no arrays over time.
+"""Writer of a copy of each sample as one ROS 2 message, for programs that cannot plot the arrays of a batch over time.
 
-Readers of recordings pass the copies over, by the metadata COPY of their channels.
+Readers of recordings skip these copies, which they recognise by the metadata COPY of the channel.
 """
 
 from collections.abc import Iterable, Iterator
@@ -20,9 +20,9 @@ _TOPICS = {"corrected": "imu", "raw": "imu_raw"}
 
 
 class Copy(NamedTuple):
-    """One sample as a sensor_msgs/msg/Imu message, for its channel. facts: the channel's metadata.
+    """Copy of one sample as a sensor_msgs/msg/Imu message, with the topic of its channel.
 
-    time_ns: host time, ns since the Unix epoch. payload: CDR bytes.
+    facts: metadata of the channel. time_ns: host time, ns since the Unix epoch. payload: CDR bytes.
     """
 
     topic: str
@@ -32,10 +32,10 @@ class Copy(NamedTuple):
 
 
 class PerSample:
-    """Makes one ROS 2 message, a Copy, per sample of a ward.
+    """Converter of a ward's batches to one ROS 2 message (a Copy) per sample.
 
-    Readings have the topic `/WARD/DEVICE/imu_raw`, corrected samples `/WARD/DEVICE/imu`.
-    A sample that arrives again is not repeated. `now_s` is seconds of a steady clock.
+    Readings have the topic `/WARD/DEVICE/imu_raw`, corrected samples `/WARD/DEVICE/imu`. A sample that arrives twice is
+    converted once. `now_s` is the time of a steady clock, s.
     """
 
     def __init__(self, ward: str) -> None:
@@ -45,7 +45,7 @@ class PerSample:
         self._known: dict[tuple[type, str], tuple[int, SequenceTracker]] = {}  # the boot that sends now
 
     def take(self, said: Said, now_s: float) -> Iterator[Copy]:
-        """Take a decoded message; yield the copies of samples that are ready.
+        """Process a decoded message; yields the copies of samples that are ready.
 
         A corrected sample waits for its orientation.
         """
@@ -57,9 +57,9 @@ class PerSample:
             yield from self._copies("raw", [reading_rows(new)])
 
     def due(self, now_s: float = inf) -> Iterator[Copy]:
-        """Yield the copies of corrected samples that have waited long enough for further messages.
+        """Yield the copies of corrected samples whose wait for an orientation has ended at now_s.
 
-        Without a time, all of them.
+        By default, all waiting samples are yielded.
         """
         return self._copies("corrected", self._join.due(now_s))
 
@@ -82,7 +82,7 @@ class PerSample:
 
 
 def write_copies(writer: McapWriter, copies: Iterable[Copy]) -> None:
-    """Write copies of samples to an MCAP file, with their sample times as log times. Raises OSError if the write fails."""
+    """Write copies of samples to an MCAP file; the log time is the sample time. Raises OSError if the write fails."""
     for copy in copies:
         definition = messages.definition(messages.IMU)
         channel = writer.channel(copy.topic, messages.IMU, definition, copy.facts, encoding=ROS2)

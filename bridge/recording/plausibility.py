@@ -1,6 +1,6 @@
-"""Checks whether the values of a recording can be in rad/s, m/s² and s.
+"""Plausibility checks of a recording: whether its values can be in rad/s, m/s² and s.
 
-A wrong unit is a factor of 57, of 9.8, or of a thousand, and correction would not notice it.
+A wrong unit is an error by a factor of 57, of 9.8 or of 1000, which correction would not detect.
 """
 
 from math import degrees, radians
@@ -37,9 +37,9 @@ _FEW_VALUES, _WHITE, _WINDOWS = 6, 0.7, 1000
 
 
 def check_time(path: Path, time_s: Floats) -> None:
-    """Raise RecordingError if the median step of times (n,) in s is not that of an IMU: SLOWEST_HZ to FASTEST_HZ.
+    """Check that sample times (n,), s, have the median step of an IMU. path: the file's name in the error.
 
-    path: the file's name in the error.
+    Raises RecordingError if the sampling rate is not from SLOWEST_HZ to FASTEST_HZ.
     """
     step = float(np.median(np.diff(time_s)))
     if 1 / FASTEST_HZ <= step < 1 / SLOWEST_HZ:
@@ -51,13 +51,14 @@ def check_time(path: Path, time_s: Floats) -> None:
 
 
 def rate_of(time_s: Floats) -> float:
-    """Return the sampling rate in Hz from rising times (n,) in s, gaps excluded.
+    """Return the sampling rate, Hz, from rising times (n,), s; gaps are excluded.
 
-    The median step gives the rate, unless times are coarsely rounded.
+    Method: the inverse of the median step. If the times are coarsely rounded, the mean duration of blocks of 64 steps
+    is used instead.
 
-    Example: at 416 Hz, times in milliseconds step by 2 and 3 ms, and the median step says 500 Hz. Rounding is
-    recognised by blocks of 64 steps. Rounded blocks all last nearly the same, and never only 64 median steps. If single
-    samples are lost, one of the two is not true.
+    Example: at 416 Hz, times in whole milliseconds step by 2 and 3 ms, and the median step gives 500 Hz.
+    Rounded times are recognised by two properties of the blocks. All blocks last nearly the same, and no block lasts
+    64 median steps. If single samples are lost, at least one property does not hold.
     """
     steps = np.diff(time_s)
     step = float(np.median(steps))
@@ -72,9 +73,10 @@ def rate_of(time_s: Floats) -> float:
 
 
 def check_rate(path: Path, time_s: Floats, rate_hz: float) -> None:
-    """Raise RecordingError if the steps of times (n,) in s do not fit the stated rate_hz within 20 %.
+    """Check that the steps of sample times (n,), s, agree with a stated rate within 20 %.
 
-    It is enough that the median or the mean step fits. The median disregards gaps, the mean disregards bunches.
+    Either the median step or the mean step must agree: the median is not affected by gaps, the mean not by bursts.
+    Raises RecordingError if neither does.
     """
     steps = np.diff(time_s)
     step = float(np.median(steps))
@@ -86,9 +88,10 @@ def check_rate(path: Path, time_s: Floats, rate_hz: float) -> None:
 
 
 def check_gyro(path: Path, gyro: Floats, rate_hz: float) -> None:
-    """Raise RecordingError if rates (n, 3), rad/s, stay beyond any gyro's range; single spikes are repaired later.
+    """Check that readings (n, 3), rad/s, stay within the range of gyros; single spikes are allowed.
 
-    path: the file's name in the error. rate_hz: samples per second.
+    path: the file's name in the error. rate_hz: sampling rate. Raises RecordingError if readings exceed the range for
+    longer than 0.25 s in total.
     """
     if max(gyro.max(), -gyro.min()) <= ABSURD:
         return
@@ -103,9 +106,11 @@ def check_gyro(path: Path, gyro: Floats, rate_hz: float) -> None:
 
 
 def doubts_of_gyro(gyro: Floats, rate_hz: float) -> list[str]:
-    """Return sentences on what is doubtful about readings (n, 3), rad/s; empty if nothing is.
+    """Return sentences on implausible properties of readings (n, 3), rad/s; empty if there are none.
 
-    Checked are: rate too low, readings too coarse, too quiet or too loud, an axis constant, or zeroed at rest.
+    Checked: rate too low, resolution too coarse, noise too small or too large, an axis constant, readings zeroed at
+    rest.
+    rate_hz: sampling rate.
     """
     doubts = []
     if rate_hz <= _LEAST_HZ:
@@ -174,9 +179,10 @@ def _doubts_of_noise(gyro: Floats, rate_hz: float) -> list[str]:
 
 
 def quietest(gyro: Floats, rate_hz: float) -> slice:
-    """Return the rows of the quietest second of rates (n, 3): the least standard deviation of the loudest axis.
+    """Return the rows of the quietest second of readings (n, 3), rad/s.
 
-    All rows of a recording shorter than two seconds.
+    Method: of consecutive windows of 1 s, the one whose largest standard deviation over the three axes is smallest. A
+    window has at least 16 rows. A recording shorter than two windows is returned whole. rate_hz: sampling rate.
     """
     size = max(16, round(rate_hz))
     n = len(gyro) // size
@@ -194,9 +200,10 @@ def _longest(flags: NDArray[np.bool_]) -> int:
 
 
 def believed_accel(accel: Floats | None) -> tuple[Floats | None, str]:
-    """Return the acceleration (n, 3), m/s², and an empty text.
+    """Check that the median length of the acceleration (n, 3), m/s², is about that of gravity.
 
-    If its median length is not that of gravity, return None and the reason.
+    Returns the acceleration and an empty text; or None and the reason, a sentence for the user. Without an
+    acceleration, returns None and an empty text.
     """
     if accel is None or not len(accel):
         return None, ""

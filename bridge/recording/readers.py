@@ -1,4 +1,4 @@
-"""Reads a recording: of a ward (.mcap), or of any format in `bridge.recording.formats.registry`.
+"""Reader of recordings: of a ward (.mcap), or of any format in `bridge.recording.formats.registry`.
 
 To support another format, add a module with a function `read` to `bridge.recording.formats` and a line to the registry.
 """
@@ -33,12 +33,12 @@ def load(
     boot: int | None = None,
     reading: Reading = AS_SAID,
 ) -> Recording:
-    """Read the recording of one device from a file, or from a folder of a format that is one.
+    """Read the recording of one device from a file, or from a folder if the format is a folder; SI units.
 
-    rate_hz: output data rate in Hz; it replaces the file's times. device: which device, topic, stream or sensor of a file
-    with several. boot: which boot, from 1. If given, these three replace the same options in `reading`.
-    reading: further options, for what the file does not say or says wrongly.
-    Raises RecordingError if the file is unreadable, its data cannot be right, or a needed option is missing.
+    rate_hz: output data rate, Hz; it replaces the file's times. device: name of the device, topic, stream or sensor in
+    a file with several. boot: number of the boot, from 1. These three replace the same options in `reading`.
+    reading: further options, for facts that the file does not state or states wrongly.
+    Raises RecordingError if the file is unreadable, its data is implausible, or a needed option is missing.
     """
     path = Path(path)
     reading = replace(

@@ -1,4 +1,4 @@
-"""Options for reading a recording: what its file does not say, or says wrongly."""
+"""Options for reading a recording: facts that its file does not state, or states wrongly."""
 
 from msgspec import Struct
 
@@ -7,16 +7,16 @@ from bridge.text.units import ACCEL, GYRO, TIME, unit_in
 
 
 class Reading(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """How to read one file. An option that is given replaces what the file says.
+    """Options for reading one file; a given option replaces what the file states.
 
-    rate_hz: output data rate in Hz; it replaces the times.
+    rate_hz: output data rate, Hz; it replaces the times.
     gyro_unit, accel_unit, time_unit: unit of the file's numbers, such as deg/s.
     gyro_sensitivity, accel_sensitivity: raw counts per °/s and per g.
     columns: names or numbers, from 1, of the gyro's x, y, z columns, optionally followed by the accelerometer's x, y,
-    z. Alternatively one name of a known tool, or a .toml file.
-    time_column: name or number of the time column.
-    accel_file: a second file with the accelerometer.
-    device (also a topic, a stream or a sensor), boot (from 1): which part of the recording to read.
+    z. Alternatively the name of a known tool, or a .toml file that describes one.
+    time_column: name or number of the time column. accel_file: a second file with the accelerometer.
+    device, boot: part of the recording to read: name of the device, topic, stream or sensor; number of the boot, from
+    1.
 
     Raises RecordingError for an invalid option.
     """
@@ -66,17 +66,17 @@ class Reading(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
     @property
     def gyro_factor(self) -> float | None:
-        """Factor from the file's numbers to rad/s; None if no option gives it."""
+        """Factor from the file's numbers to rad/s; None if no option states it."""
         return GYRO["deg/s"] / self.gyro_sensitivity if self.gyro_sensitivity else unit_in(self.gyro_unit or "", GYRO)
 
     @property
     def accel_factor(self) -> float | None:
-        """Factor from the file's numbers to m/s²; None if no option gives it."""
+        """Factor from the file's numbers to m/s²; None if no option states it."""
         return ACCEL["g"] / self.accel_sensitivity if self.accel_sensitivity else unit_in(self.accel_unit or "", ACCEL)
 
     @property
     def time_factor(self) -> float | None:
-        """Factor from the file's numbers to seconds; None if no option gives it."""
+        """Factor from the file's numbers to seconds; None if no option states it."""
         return unit_in(self.time_unit or "", TIME)
 
 
@@ -85,6 +85,6 @@ AS_SAID = Reading()
 
 
 def as_table(reading: Reading) -> dict[str, object]:
-    """Return the options that are given as keys and values of a replayed device's table in a ward file."""
+    """Return the given options as a TOML table: the keys and values for a replayed device in a ward file."""
     told = {name: getattr(reading, name) for name in reading.__struct_fields__}
     return {name: value for name, value in told.items() if value not in (None, ())}

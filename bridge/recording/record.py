@@ -1,4 +1,4 @@
-"""`truerate record`: subscribes to a ward and records its messages until stopped."""
+"""Command `truerate record`: subscribes to a ward and records its messages until stopped."""
 
 import logging
 import threading
@@ -60,13 +60,13 @@ def record(
     changed: Callable[[], Recorder | None] = lambda: None,
     bucket: Bucket | None = None,
 ) -> int:
-    """Record a ward until stopped, or for `seconds`.
+    """Record a ward's messages to files until stopped by a signal, or for `seconds` s.
 
-    Returns an exit code: 1 if something was not recorded or copied, else 0.
-    open_bus: connects to the endpoints. connected: called with the bus, once it is open.
-    changed: returns new settings when there are some, else None; asked several times a second.
-    bucket: where finished recordings are copied to; None for no copies.
-    Raises RecordingError if no device is heard or no file can be written, and BusError if no router is found.
+    settings: folder, file sizes and devices. open_bus: connects to the endpoints. connected: called with the bus, once
+    it is open. changed: returns new settings, or None if there are none; called several times a second. bucket: object
+    storage to which finished recordings are copied; None for no copies.
+    Returns the exit code: 1 if a message was not recorded or a file not copied, else 0.
+    Raises RecordingError if no device is received or no file can be written, and BusError if no router is found.
     """
     folder = Folder(Path(settings.folder), ward)
     for path in folder.leftovers():

@@ -1,7 +1,7 @@
-"""Core of the recorder: messages in, files out. Time is an argument, and files come from a `Folder`; it has no bus.
+"""Core of the recorder, without a bus: messages in, files out. Time is an argument, and files come from a `Folder`.
 
-If a file cannot be written (a full disk, a pulled stick), it is finished if possible, otherwise left as it is. A new
-file is begun when there is room again, and messages lost meanwhile are counted. No file error ends the recorder.
+If a file cannot be written (full disk, removed stick), the file is finished if possible. A new file is begun when there
+is space again; messages lost in between are counted. No file error ends the recorder.
 """
 
 import errno
@@ -43,16 +43,16 @@ ROOM_BYTES = 16e6
 
 
 class NoRoom(OSError):
-    """The disk's free space is less than the part reserved for others, or less than a new file needs."""
+    """Too little free disk space: less than the reserve in the settings, or than a new file needs."""
 
 
 @dataclass(slots=True)
 class Account:
     """Counts of recorded and lost messages, for progress and exit code.
 
-    heard: time at which each device last sent samples, by device id, in seconds of `take`'s clock.
-    raw, corrected: number of readings and of corrected samples.
-    closed_bytes: size of the files closed. files: their paths.
+    heard: time at which each device last sent samples, by device id, s of a monotonic clock.
+    raw, corrected: number of readings and of corrected samples. closed_bytes: size of the closed files. files: their
+    paths.
     """
 
     heard: dict[str, float] = field(default_factory=dict)
@@ -67,10 +67,11 @@ class Account:
 
 
 class WardRecorder:
-    """Records the messages of one ward into MCAP files, without a bus or a clock of its own.
+    """Recorder of one ward's messages to MCAP files, without a bus or a clock of its own.
 
-    Call `begin`, then `take` and `tick` repeatedly, then `close`, all from one thread.
-    wall_ns is UTC in ns since the Unix epoch, now_s seconds of a monotonic clock. `account` has the counts.
+    Call `begin`, then `take` and `tick` repeatedly, then `close`, all from one thread. `account` has the counts.
+    wall_ns: UTC, ns since the Unix epoch. now_s: monotonic time, s.
+    copied(path): True if a finished file has its copy in object storage, or needs none.
     """
 
     def __init__(
@@ -91,7 +92,7 @@ class WardRecorder:
         self._expire_s, self._undeletable = -inf, set[Path]()
 
     def use(self, settings: Recorder) -> None:
-        """Use other settings from now on; `folder`, `wait_s` and `per_sample` stay as they were."""
+        """Use other settings from now on; `folder`, `wait_s` and `per_sample` do not change."""
         self._settings = settings
 
     @property
@@ -100,9 +101,10 @@ class WardRecorder:
         return self.account.closed_bytes + (self._file.writer.size if self._file else 0)
 
     def begin(self, wall_ns: int, now_s: float) -> None:
-        """Begin a file, with the latest repeated messages first.
+        """Begin a new file, which starts with the latest messages of the repeated kinds.
 
-        Raises OSError if that is impossible, NoRoom on a full disk.
+        wall_ns: UTC, ns since the Unix epoch. now_s: monotonic time, s.
+        Raises OSError if the file cannot be made; this is NoRoom on a full disk.
         """
         self._check_room(ROOM_BYTES)
         file = self._file = RecordingFile(self._place.begin(wall_ns), self._ward)
@@ -111,9 +113,10 @@ class WardRecorder:
         self._latest = {key: item for key, item in self._latest.items() if self._put(file, item, wall_ns)}
 
     def take(self, messages: Iterable[Message], wall_ns: int, now_s: float) -> None:
-        """Record messages from the bus; count those that are refused, or come while nothing can be written.
+        """Record messages from the bus; count invalid messages, and those that arrive while no file can be written.
 
-        A message about another device than the chosen ones is ignored.
+        Messages about devices that the settings do not name are ignored.
+        wall_ns: UTC, ns since the Unix epoch. now_s: monotonic time, s.
         """
         for message in messages:
             if (understood := self._understood(message)) is None:
@@ -136,9 +139,9 @@ class WardRecorder:
                 self._latest[message.key] = item
 
     def tick(self, wall_ns: int, now_s: float) -> None:
-        """Do the work that is due: flush, begin a new file, retry after an error, or delete old files.
+        """Do the work that is due: flush, begin a new file, retry after an error, delete old files.
 
-        Call it several times a second.
+        Call several times a second. wall_ns: UTC, ns since the Unix epoch. now_s: monotonic time, s.
         """
         if now_s >= self._expire_s:
             self._expire_s = now_s + EXPIRE_S
@@ -164,13 +167,13 @@ class WardRecorder:
             self._stall(error, now_s)
 
     def said(self, error: OSError) -> str:
-        """Return a sentence on why nothing can be written."""
+        """Return a sentence on why no file can be written. error: raised by the write."""
         return str(error) if isinstance(error, NoRoom) else self._place.said(error)
 
     def close(self) -> None:
-        """Finish the file; its messages are flushed and it gets its final name.
+        """Flush and finish the file, and rename it to its final name.
 
-        An error is logged, and counted in `account`.
+        An error is logged, and its lost messages are counted in `account`.
         """
         if (file := self._file) is None:
             return

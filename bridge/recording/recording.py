@@ -1,4 +1,4 @@
-"""A recording of one device: samples at their own times, independent of the file format."""
+"""Recording of one device: samples at their own times, independent of the file format."""
 
 from dataclasses import dataclass
 from typing import NamedTuple, Self
@@ -16,10 +16,10 @@ TICK_S = 1e-6  # tick of a recording's clock, as if the device counted microseco
 
 
 class Told(NamedTuple):
-    """Device clock, sequence numbers and flags of samples, as a bridge sent them.
+    """Device clock, sequence numbers and flags of n samples, as a bridge sent them.
 
-    ticks (n,): count of the device's clock, each tick_period_s seconds. sequence (n,): since boot. flags (n,):
-    SampleFlag bits.
+    ticks (n,): count of the device's clock, tick_period_s each. sequence (n,): sample numbers since boot.
+    flags (n,): SampleFlag bits.
     """
 
     ticks: NDArray[np.uint64]
@@ -46,16 +46,17 @@ def _vectors(name: str, values: ArrayLike, n: int | None, limit: float, unit: st
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Recording:
-    """Samples of one device in SI units, in the device's frame.
+    """Samples of one device in SI units, in the sensor frame.
 
-    time_s (n,): seconds, rising from 0. gyro (n, 3): rad/s. accel (n, 3): specific force, m/s², or None.
-    temperature_c (n,): °C, or None.
-    rate_hz: output data rate as the file says, otherwise measured from the times, gaps excluded.
-    name: for messages. gyro_range: full-scale range, rad/s, 0 when unknown.
-    device, boot: ids, empty and 0 when unknown. model: as the device states it, empty when unknown.
+    time_s (n,): s, rising from 0. gyro (n, 3): rad/s. accel (n, 3): specific force, m/s², or None.
+    temperature_c (n,), or None.
+    rate_hz: output data rate as the file states it, otherwise measured from the times, gaps excluded.
+    name: for messages. gyro_range: full-scale range, rad/s; 0 if unknown.
+    device: id, empty if unknown. boot: 64-bit boot number, 0 if unknown. model: as the device states it, empty if
+    unknown.
 
-    Of a ward's recording only: `made`, the accepted calibrations of this boot in the recording, in order of time;
-    `begin_ns`, host time of the first sample; `told`, ticks, sequence numbers and flags as the bridge sent them.
+    Only for a ward's recording: made: accepted calibrations of this boot, in order of time. begin_ns: host time of the
+    first sample, ns since the Unix epoch. told: ticks, sequence numbers and flags as the bridge sent them.
     """
 
     time_s: Floats
@@ -76,10 +77,10 @@ class Recording:
 
     @classmethod
     def from_arrays(cls, gyro: ArrayLike, accel: ArrayLike | None, rate_hz: float, *, name: str = "arrays") -> Self:
-        """Make a recording from arrays sampled at rate_hz.
+        """Make a recording from arrays sampled at rate_hz, without gaps.
 
-        gyro (n, 3): rad/s. accel (n, 3): specific force, m/s², or None. Both are in the device's frame and copied.
-        name is used in messages. Raises RecordingError for a wrong shape, and for values that no IMU reads.
+        gyro (n, 3): rad/s. accel (n, 3): specific force, m/s², or None. Both are in the sensor frame, and are copied.
+        name: used in messages. Raises RecordingError for a wrong shape or rate, and for values that no IMU can measure.
         """
         if not SLOWEST_HZ <= rate_hz <= FASTEST_HZ:
             raise RecordingError(
@@ -95,20 +96,20 @@ class Recording:
 
     @property
     def ticks(self) -> NDArray[np.uint64]:
-        """(n,) time of each sample since the first, in ticks of TICK_S seconds."""
+        """Time (n,) of each sample since the first, in ticks of TICK_S seconds."""
         return np.rint(self.time_s / TICK_S).astype(np.uint64)
 
     @property
     def device_time(self) -> Floats:
-        """(n,) seconds of the device's clock if known, else `time_s`.
+        """Time (n,) of each sample by the device's clock, s; `time_s` if that clock is unknown.
 
-        Stillness windows then begin where they began live.
+        With the device's clock, stillness windows begin at the same samples as in live processing.
         """
         return self.time_s if self.told is None else np.asarray(self.told.ticks * self.told.tick_period_s, np.float64)
 
     @property
     def sequence(self) -> NDArray[np.int64]:
-        """(n,) sequence number of each sample; samples missing at a jump of time have numbers too."""
+        """Sequence number (n,) of each sample, from 0; samples missing at a jump of time are counted."""
         steps = np.diff(self.time_s) * self.rate_hz
         missing = np.where(steps > 1.75, np.rint(steps) - 1, 0)
         return np.arange(len(self)) + np.concatenate([[0], np.cumsum(missing)]).astype(np.int64)

@@ -1,4 +1,4 @@
-"""MCAP file of a ward's messages, with a channel per key; and one file of a recorder, closed after an error."""
+"""MCAP file of a ward's messages, with one channel per bus key; also the file of a recorder, closed after an error."""
 
 from collections import Counter
 from pathlib import Path
@@ -17,7 +17,7 @@ MOST_OF_A_BRIDGE = MAX_CHANNELS // 8
 
 
 class Item(NamedTuple):
-    """A message to be written: its key, kind and encoded payload.
+    """Message to be written: its bus key, kind and encoded payload.
 
     own_ns: the message's own time, ns since the Unix epoch.
     """
@@ -29,9 +29,10 @@ class Item(NamedTuple):
 
 
 class WardFile:
-    """MCAP file of a ward's messages, which gets a channel per key. Raises OSError if its beginning cannot be written.
+    """MCAP file of a ward's messages, with one channel per bus key.
 
-    ward: id in the file's metadata. writer: for flush and finish, and for copies of samples.
+    ward: id for the file's metadata. writer: flushes and finishes the file, and takes copies of samples.
+    Raises OSError if the beginning of the file cannot be written.
     """
 
     def __init__(self, file: BinaryIO, ward: str) -> None:
@@ -40,10 +41,11 @@ class WardFile:
         self._of_bridges = Counter[str]()
 
     def put(self, item: Item, log_ns: int) -> bool:
-        """Write a message, on a new channel for a new key. log_ns: log time, ns since the Unix epoch.
+        """Write a message, in a new channel if its key is new; returns True if the message is written.
 
-        Returns False, and writes nothing, if there are too many channels in all or of its bridge. Raises OSError if the
-        write fails.
+        log_ns: log time, ns since the Unix epoch. Returns False if the file, or the message's bridge, has too many
+        channels.
+        Raises OSError if the write fails.
         """
         channel = self._channels.get(item.key)
         if channel is None:
@@ -60,7 +62,10 @@ class WardFile:
 
 
 class RecordingFile(WardFile):
-    """One file of a recorder. output: the open file, which is deleted if its beginning cannot be written."""
+    """MCAP file that a recorder is writing. output: the open file.
+
+    Raises OSError if the beginning of the file cannot be written; the file is then deleted.
+    """
 
     def __init__(self, output: Output, ward: str) -> None:
         self.output = output
@@ -71,9 +76,9 @@ class RecordingFile(WardFile):
             raise
 
     def left(self, *, writable: bool) -> Path | None:
-        """Close the file after an error and return its path; None if it held no message and was deleted.
+        """Close the file after an error and return its path; None if it had no message and was deleted.
 
-        writable: the file can still be finished; otherwise the path ends in PART.
+        writable: True if the file can still be finished; otherwise the path ends in PART.
         """
         path = self.output.path
         try:

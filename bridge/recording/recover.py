@@ -1,4 +1,4 @@
-"""Recovers a torn or damaged recording: copies every readable message to a new file, and reports the losses."""
+"""Recovery of unfinished or damaged recordings: copies every readable message to a new file, and reports the losses."""
 
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -27,8 +27,8 @@ Tell = Callable[[int, int], None]
 class Recovered:
     """Result of a recovery.
 
-    out: the new file. messages: number copied. first_ns, last_ns: their log times, ns since the Unix epoch.
-    trouble: what is wrong with the original, for the user.
+    out: the new file. messages: number of messages copied. first_ns, last_ns: their first and last log time, ns since
+    the Unix epoch. trouble: faults of the original file, as sentences for the user.
     """
 
     out: Path
@@ -38,16 +38,17 @@ class Recovered:
     trouble: tuple[str, ...]
 
     def said(self) -> list[str]:
-        """Return the result as lines for the user."""
+        """Return the result of the recovery as lines for the user."""
         kept = f"{count(self.messages, 'message')}, from {_clock(self.first_ns)} to {_clock(self.last_ns)}"
         return [f"{self.out}: {kept}", *self.trouble]
 
 
 def recover(path: Path, out: Path | None = None, tell: Tell = lambda _done, _of: None) -> Recovered:
-    """Copy every readable message of a torn or damaged recording to a new, whole file; the original is kept.
+    """Copy every readable message of an unfinished or damaged recording to a new, complete file; the original is kept.
 
-    out: the new file; default: the name without .part, or NAME.recovered.mcap. tell(done, total): progress in bytes.
-    Raises RecordingError, also if the file is whole already.
+    out: the new file; by default the name without .part, or NAME.recovered.mcap. tell(done, total): called with the
+    bytes read. Raises RecordingError if the file cannot be read, has no readable message, is still being recorded, or
+    is complete.
     """
     check_file(path)
     target = out or _name(path)
@@ -66,10 +67,10 @@ def recover(path: Path, out: Path | None = None, tell: Tell = lambda _done, _of:
 
 
 def add_per_sample(path: Path, out: Path, device: str = "", tell: Tell = lambda _done, _of: None) -> Recovered:
-    """Copy a ward's recording to `out`, and write each of its samples also as one ROS 2 message.
+    """Copy a ward's recording to `out`, and add each of its samples as one ROS 2 message.
 
-    device: copy only what is about this device; empty for all. tell(done, total): progress in bytes. Raises
-    RecordingError.
+    device: copy only messages about this device; empty for all. tell(done, total): called with the bytes read.
+    Raises RecordingError if the recording cannot be read, or `out` exists or cannot be written.
     """
     check_file(path)
     try:

@@ -1,4 +1,4 @@
-"""Prints a survey of recordings, or returns it as JSON."""
+"""Report of a survey of recordings: as printed tables, or as JSON."""
 
 from datetime import UTC, datetime
 from typing import Any
@@ -46,7 +46,7 @@ def show(console: Console, survey: Survey) -> None:
 
 
 def as_json(survey: Survey) -> dict[str, Any]:
-    """Return a survey as one JSON-compatible object; times in ns since the Unix epoch, rates in rad/s."""
+    """Return a survey of recordings as one JSON-compatible object; times in ns since the Unix epoch, biases in rad/s."""
     return {
         "wards": sorted(survey.wards),
         "first_ns": survey.first_ns,

@@ -1,4 +1,4 @@
-"""Gives each row of a table its time: from the file's times, its sample counter or the row's number."""
+"""Sample times of a table's rows: from the file's times, from a sample counter, or from the row number."""
 
 from pathlib import Path
 
@@ -21,9 +21,10 @@ def sample_times(
 ) -> tuple[Floats, list[int]]:
     """Return the time (n,) of each kept row, s, and the index of the first row of each boot.
 
-    columns: by name; sorted, and repeated rows dropped, in place. tick_s: seconds per count of the time column, 0 when
-    unknown. rate: the rate that the file or the user states, Hz, or None. notes: gets a sentence per repair. Raises
-    RecordingError.
+    columns: arrays by name; changed in place: rows are sorted by time, and repeated rows dropped. tick_s: duration of a
+    count of the time column, 0 if unknown. rate: rate stated by the file or the user, Hz, or None. notes: a sentence is
+    added for each repair.
+    Raises RecordingError if the times cannot be repaired or are implausible, or if neither times nor a rate are known.
     """
     if "t_s" not in columns:
         return _counted(path, columns, _assumed(path, rate, reading, notes), notes), [0]

@@ -1,4 +1,4 @@
-"""Tracks the sequence numbers of one boot: repeated samples, gaps, and numbers that start over."""
+"""Tracker of a boot's sequence numbers: finds repeated samples, gaps, and numbers that start over."""
 
 from typing import NamedTuple
 
@@ -9,10 +9,11 @@ ANEW_NS = 1_000_000_000
 
 
 class Continuation(NamedTuple):
-    """How a batch continues the batches before it.
+    """Relation of a batch to the batches before it.
 
-    skip: number of samples at its beginning that are already known. missing: number of samples lost before its new
-    ones. anew: the sequence numbers start over. step: ticks from the last known sample to the first new one.
+    skip: number of samples at its beginning that are already known. missing: number of samples lost before its first
+    new sample. anew: True if the sequence numbers start over. step: ticks from the last known sample to the first new
+    one.
     """
 
     skip: int
@@ -22,7 +23,7 @@ class Continuation(NamedTuple):
 
 
 class SequenceTracker:
-    """Tracks the sequence numbers of one boot of one device, to find repeated and missing samples."""
+    """Tracker of the sequence numbers of one boot of a device, to find repeated and missing samples."""
 
     def __init__(self) -> None:
         self._next: int | None = None
@@ -30,7 +31,7 @@ class SequenceTracker:
         self._time_ns = 0
 
     def follow(self, batch: SampleBatch | CorrectedBatch) -> Continuation:
-        """Compare a batch's sequence numbers, ticks and time with those of the batches before it; remember it."""
+        """Compare a batch's sequence numbers, ticks and time with those of the batches before it, and remember them."""
         follows = self._judge(batch)
         if follows.skip < len(batch):
             self._next = batch.sequence + len(batch)

@@ -1,4 +1,4 @@
-"""The table [recorder] of a ward's file; arguments of the command line take precedence."""
+"""Table [recorder] of a ward's file; arguments of the command line take precedence."""
 
 import re
 
@@ -14,7 +14,7 @@ _SHORTEST_S, _SMALLEST_MB = 10.0, 1.0
 
 
 def seconds(text: str, key: str) -> float:
-    """Parse a duration such as 90s, 10min, 1h or 1d to seconds; `never` is infinity.
+    """Parse a duration such as 90s, 10min, 1h or 1d to seconds; `never` gives infinity.
 
     key: name of the setting in the error. Raises ValueError for any other text.
     """
@@ -27,7 +27,10 @@ def seconds(text: str, key: str) -> float:
 
 
 class Recorder(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Settings of a recorder: where recordings go, and when a new file begins."""
+    """Settings of a recorder: where recordings are written, and when a new file begins.
+
+    Raises ValueError for a setting that is out of range or invalid.
+    """
 
     #: folder of the recordings; relative to the folder the recorder is started in
     folder: str = "recordings"
@@ -75,5 +78,5 @@ class Recorder(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
     @property
     def rotate_s(self) -> float:
-        """Duration after which a new file begins, s; infinite for never."""
+        """Duration after which a new file begins, s; infinite for `never`."""
         return seconds(self.rotate, "rotate")

@@ -1,4 +1,4 @@
-"""Reads recordings into arrays, by stretches: a stretch is one boot of a device with rising sequence numbers."""
+"""Reader of recordings into arrays by stretch: a stretch is one boot of a device with rising sequence numbers."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -30,17 +30,18 @@ Singles = NDArray[np.float32]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stretch:
-    """n samples of one boot of a device, with rising sequence numbers (n,) and ticks (n,).
+    """Samples of one boot of a device, as arrays of n rows with rising sequence numbers.
 
-    boot: boot id. number: of the device's stretch, from 1. tick_period_s: seconds per tick.
-    time_ns (n,): host time, ns since the Unix epoch. gyro (n, 3): rad/s.
-    accel (n, 3): m/s², None if any sample lacks it. temperature_c (n,): °C, gaps interpolated, None if no sample has
-    it. flags (n,): SampleFlag bits.
+    boot: 64-bit boot number. number: number of the device's stretch, from 1. sequence (n,): sample numbers since boot.
+    ticks (n,): device clock, tick_period_s each. time_ns (n,): host time, ns since the Unix epoch.
+    gyro (n, 3): rad/s, sensor frame. accel (n, 3): m/s², sensor frame; None if any sample lacks it. temperature_c (n,):
+    gaps interpolated; None if no sample has it. flags (n,): SampleFlag bits.
 
-    computed: columns that were computed live, by name; empty if none were recorded. rate_rad_s, rate_std_rad_s and
-    bias_rad_s (n, 3), sensor frame, NaN for a sample without a corrected rate, and quality (n,), number of
-    messages.Quality, or -1 there. quat_wxyz (n, 4), sensor to earth, scalar first, tilt_std and heading_std (n,) in
-    rad, of the last sample of the sample's message; NaN for a sample without an orientation.
+    computed: columns computed live, by name; empty if none were recorded.
+    rate_rad_s, rate_std_rad_s, bias_rad_s (n, 3), sensor frame: NaN for a sample without a corrected rate. quality
+    (n,): value of messages.Quality, or -1 there.
+    quat_wxyz (n, 4): sensor to earth, scalar first. tilt_std, heading_std (n,): rad, of the last sample of the sample's
+    message. All are NaN for a sample without an orientation.
     """
 
     device: str
@@ -65,12 +66,15 @@ class Stretch:
 
     @property
     def time_s(self) -> NDArray[np.float64]:
-        """(n,) seconds of the device's clock since the first sample."""
+        """Time (n,) by the device's clock since the first sample, s."""
         return np.asarray((self.ticks - self.ticks[0]) * self.tick_period_s, dtype=np.float64)
 
     @property
     def columns(self) -> Columns:
-        """Columns (n,), (n, 3) or (n, 4) by name: readings, computed rates, orientation, host_time_ns, sequence, flags."""
+        """Columns (n,), (n, 3) or (n, 4) by name: readings, computed rates, orientation, host_time_ns, sequence, flags.
+
+        The names state the units.
+        """
         found: Columns = {"t_s": self.time_s, "gyro_rad_s": self.gyro}
         if self.accel is not None:
             found["accel_m_s2"] = self.accel
@@ -80,9 +84,9 @@ class Stretch:
 
     @property
     def rate_hz(self) -> float:
-        """Output data rate in Hz: as the device states it, else by the median step.
+        """Output data rate, Hz: as the device states it, else by the median time step.
 
-        0 for a single sample of an unknown device.
+        0 for a single sample of a device that states no rate.
         """
         if self.info is not None and self.info.rate_hz:
             return self.info.rate_hz
@@ -92,7 +96,7 @@ class Stretch:
 
 @dataclass(slots=True)
 class Recorded:
-    """Content of recordings: the stretches of each device, by device id and in order of time, calibrations and notes.
+    """Content of recordings: stretches (samples of one boot) by device id, in order of time, calibrations and notes.
 
     trouble: faults of the files, and messages that could not be decoded, as sentences.
     """
@@ -104,13 +108,13 @@ class Recorded:
 
     @property
     def begin_ns(self) -> int:
-        """Host time of the earliest sample, ns since the Unix epoch; 0 if there is none."""
+        """Host time of the earliest sample, ns since the Unix epoch; 0 if there is no sample."""
         return min((int(s.time_ns[0]) for stretches in self.stretches.values() for s in stretches), default=0)
 
     def calibrations_of(self, stretch: Stretch) -> list[Calibration]:
         """Return the accepted calibrations made during a stretch (samples of one boot), in order of time.
 
-        Calibrations whose covariance is unknown are left out.
+        Calibrations with an unknown covariance are left out.
         """
         same = [one for one in self.stretches[stretch.device] if one.boot == stretch.boot]
         at = same.index(stretch)
@@ -126,7 +130,7 @@ class Recorded:
         return sorted(made, key=lambda one: one.time_ns)
 
     def only(self, devices: Sequence[str]) -> "Recorded":
-        """Return the content of these devices alone; devices: ids. Raises RecordingError for an unknown device."""
+        """Return the content of some devices alone. devices: ids. Raises RecordingError for a device without samples."""
         for device in devices:
             if device not in self.stretches:
                 raise RecordingError(f"no samples of --device {device!r}; choose from {', '.join(self.stretches)}")
@@ -139,9 +143,10 @@ class Recorded:
 
 
 def read(paths: Sequence[Path], *, corrected: bool = True, tell: Tell = lambda _done, _of: None) -> Recorded:
-    """Read ward recordings completely into arrays. Raises RecordingError for a file that is not a recording of a ward.
+    """Read complete recordings of a ward into arrays.
 
-    corrected: also read corrected rates and orientation. tell(done, total): progress in bytes.
+    corrected: True also reads corrected rates and orientation. tell(done, total): called with the bytes read.
+    Raises RecordingError for a file that is not a recording of a ward.
     """
     wanted = ["raw", "info", "status", "calibration", "note", *(["corrected", "orientation"] if corrected else [])]
     found = survey(paths, tell, wanted, keep=True)

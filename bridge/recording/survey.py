@@ -1,4 +1,4 @@
-"""Surveys recordings: devices, boots, rates, gaps, calibrations and notes; optionally keeps the samples."""
+"""Survey of recordings: devices, boots, rates, gaps, calibrations and notes; optionally with the samples."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -23,12 +23,12 @@ from bridge.wire.refusal import Tally
 
 @dataclass(slots=True)
 class Boot:
-    """One boot of a device: counts of samples, gaps and repeats, and host times of its first and last sample.
+    """Summary of one boot of a device: counts of samples, gaps and repeats, and times of its first and last sample.
 
-    boot: boot id. first_ns, last_ns: ns since the Unix epoch. missing: number of samples lost in gaps.
-    device_s: seconds of the device's clock that the samples span.
-    kept: the readings, each once, in parts that begin where numbers start over. rates, attitudes: corrected rates and
-    orientations as they came.
+    boot: 64-bit boot number. first_ns, last_ns: host times, ns since the Unix epoch. missing: number of samples lost in
+    gaps. repeated: number of samples received again. device_s: time from first to last sample by the device's clock, s.
+    kept: batches of readings, each sample once, in parts that begin where sequence numbers start over. rates,
+    attitudes: batches of corrected rates and orientations as received.
     """
 
     boot: int
@@ -50,14 +50,14 @@ class Boot:
 
     @property
     def rate_hz(self) -> float:
-        """Sampling rate in Hz by the device's clock, missing samples included; 0 when unknown."""
+        """Sampling rate by the device's clock, Hz, counting missing samples too; 0 if unknown."""
         return (self.samples + self.missing - 1) / self.device_s if self.device_s > 0 else 0.0
 
     @property
     def corrected(self) -> Counter[str]:
         """Number of corrected samples by name of their quality, such as GOOD.
 
-        Each sample counts once; samples from before the first recorded reading do not count.
+        Each sample counts once. Samples before the first recorded reading do not count.
         """
         found = Counter[str]()
         for first, end, quality in self._runs if self.samples else ():
@@ -65,7 +65,7 @@ class Boot:
         return +found
 
     def read(self, batch: SampleBatch, *, keep: bool) -> None:
-        """Count the new samples, repeats and gaps of a batch of readings. keep: also keep the new samples in `kept`."""
+        """Count the new samples, repeats and gaps of a batch of readings. keep: True stores the new samples in `kept`."""
         skip, missing, anew, step = self._readings.follow(batch)
         self.repeated += skip
         if skip == len(batch):
@@ -89,7 +89,7 @@ class Boot:
         self.end = batch.sequence + len(batch)
 
     def rated(self, batch: CorrectedBatch, *, keep: bool) -> None:
-        """Count the new samples of a batch of corrected rates by quality. keep: also keep the batch in `rates`."""
+        """Count the new samples of a batch of corrected rates by quality. keep: True stores the batch in `rates`."""
         if keep:
             self.rates.append(batch)
         skip, _, anew, _ = self._rated.follow(batch)
@@ -102,9 +102,10 @@ class Boot:
 
 @dataclass(slots=True)
 class Device:
-    """Content of recordings about one device.
+    """Content of recordings about one device: infos, boots, calibrations, notes and placements.
 
-    bridge: id of its bridge. infos, boots: by boot id. calibrations: by id. notes: by time in ns and text.
+    bridge: id of its bridge. infos, boots: by boot number. calibrations: by id. notes: by time (ns since the Unix
+    epoch) and text. placements: by begin, ns since the Unix epoch.
     """
 
     bridge: str = ""
@@ -115,10 +116,10 @@ class Device:
     placements: dict[int, Placement] = field(default_factory=dict)  # by since_ns
 
     def wear(self, status: Status) -> None:
-        """Record the placement of the device that a status message states, if it is a new one.
+        """Record the placement that a status message states, if it is new.
 
-        A status without a placement ends the earlier one. A placement without a begin holds from the start of the
-        recording, or from the status that first has it.
+        A status without a placement ends the placement before it. A placement without a begin starts with the
+        recording, or with the status that first states it.
         """
         last, one = next(reversed(self.placements.values()), None), status.placement
         if one is None and last is not None:
@@ -130,7 +131,7 @@ class Device:
         self.placements[one.since_ns] = one
 
     def worn(self, first_ns: int, last_ns: int) -> tuple[Placement, ...]:
-        """Return the placements that held in a span of host time, in order.
+        """Return the placements that held at some time between two host times, in order.
 
         first_ns, last_ns: ns since the Unix epoch.
         """
@@ -144,7 +145,7 @@ class Device:
 
     @property
     def info(self) -> DeviceInfo | None:
-        """Device info of the last boot; None if there is none."""
+        """Device info of the last boot; None if no info was recorded."""
         return next(reversed(self.infos.values()), None)
 
 
@@ -153,7 +154,7 @@ class Survey:
     """Summary of recordings: devices by id, wards, number of messages, and size in bytes.
 
     first_ns, last_ns: host times of the first and last sample, ns since the Unix epoch; 0 without samples.
-    refused: number of messages that could not be decoded, by reason. trouble: what is wrong with the files, for the
+    refused: number of messages that could not be decoded, by reason. trouble: faults of the files, as sentences for the
     user.
     """
 
@@ -168,7 +169,7 @@ class Survey:
 
     @property
     def duration_s(self) -> float:
-        """Seconds from the first sample to the last."""
+        """Duration from the first sample to the last, s."""
         return (self.last_ns - self.first_ns) * 1e-9
 
 
@@ -177,8 +178,8 @@ def survey(
 ) -> Survey:
     """Survey a ward's recordings: devices, boots, rates, gaps, calibrations and notes.
 
-    tell(done, total): progress in bytes. wanted: kinds of message to read, by the first word of their topic; empty for
-    all. keep: keep the samples. Raises RecordingError for a file that is not a recording of a ward.
+    tell(done, total): called with the bytes read. wanted: kinds of message to read, by the first word of their topic;
+    empty for all. keep: True stores the samples. Raises RecordingError for a file that is not a recording of a ward.
     """
     refused, trouble = Tally(), list[str]()
     sizes = [path.stat().st_size for path in paths if path.is_file()]

@@ -1,4 +1,4 @@
-"""Makes a Recording from columns of samples: repairs or refuses bad rows and times, checks units, notes repairs."""
+"""Conversion of columns of samples to a Recording: repairs or refuses bad rows and times, and checks units."""
 
 import logging
 from dataclasses import dataclass, field
@@ -28,12 +28,12 @@ _SAME_RATE = 1e-3  # relative: as precisely as people write a rate
 
 @dataclass(slots=True)
 class Table:
-    """Columns of samples as a reader of a file format returns them, before repairs, in SI units.
+    """Columns of samples as the reader of a file format returns them, before repairs, in SI units, sensor frame.
 
     columns: gyro_rad_s (n, 3) and, if known, accel_m_s2 (n, 3), temperature_c (n,), t_s (n,), counter (n,), rate_hz ().
-    place: names a value of the file in an error. device, boot: ids, empty and 0 when unknown. model: empty when
-    unknown. tick_s: seconds per count of the file's time column, 0 when unknown. notes: what was understood, for the
-    user.
+    place: names a value of the file in an error. device: id, empty if unknown. boot: 64-bit boot number, 0 if unknown.
+    model: empty if unknown. tick_s: duration of a count of the file's time column, 0 if unknown.
+    notes: sentences for the user on the reader's assumptions.
     """
 
     columns: dict[str, Floats]
@@ -46,10 +46,10 @@ class Table:
 
 
 def recording_of(path: Path, table: Table, reading: Reading) -> Recording:
-    """Make a Recording from a table: rows and times repaired, units checked, the boot chosen.
+    """Make a Recording from a table: repair rows and times, check the units, choose the boot.
 
-    path: the file, for names and errors. reading: the options given by the user. Raises RecordingError if the data
-    cannot be right, or several boots and no choice.
+    path: the file, for its name and errors. reading: the options given by the user.
+    Raises RecordingError if the data is implausible, or if there are several boots and none is chosen.
     """
     columns, notes = dict(table.columns), list(table.notes)
     _check_shapes(path, columns)
@@ -81,9 +81,10 @@ def recording_of(path: Path, table: Table, reading: Reading) -> Recording:
 
 
 def believed(path: Path, gyro: Floats, accel: Floats | None, rate_hz: float, notes: list[str]) -> Floats | None:
-    """Return the acceleration (n, 3), m/s², or None if it cannot be right. Raises RecordingError for impossible rates.
+    """Check gyro and acceleration, and return the acceleration (n, 3), m/s²; None if it is implausible.
 
-    gyro (n, 3): rad/s. notes: gets the doubts, and is logged.
+    gyro (n, 3): rad/s. rate_hz: sampling rate. notes: a sentence is added for each doubt; all notes are logged.
+    Raises RecordingError for impossible gyro readings.
     """
     check_gyro(path, gyro, rate_hz)
     notes += doubts_of_gyro(gyro, rate_hz)

@@ -1,11 +1,12 @@
-"""A wearer's body: a chain of activities, each an exact curve of attitude and velocity that can be sampled at any times.
+"""Body motion of a wearer: a chain of activities, each an exact curve of attitude and velocity over time.
 
-  attitude = (platform turned, earth axes) · (attitude at the stretch's start) · (pose and sway, sensor axes)
-  force    = Rᵀ (gravity up + acceleration): what a perfect accelerometer reads
+    attitude = (rotation of the platform, earth axes) · (attitude at the start) · (pose and sway, sensor axes)
+    force    = Rᵀ (gravity up + acceleration)
 
-Acceleration is the change of a bounded velocity.
-
-Convention as in motion.py: rate[i] turns attitude[i-1] into attitude[i] exactly; so does acceleration[i] with velocity.
+attitude: unit quaternion, sensor to earth. force: specific force in m/s² that a perfect accelerometer reads.
+R: rotation matrix of the attitude.
+Sample i covers (t[i-1], t[i]], as in motion.py. rate[i] turns attitude[i-1] into attitude[i] exactly.
+acceleration[i] changes velocity[i-1] into velocity[i] exactly.
 """
 
 from collections.abc import Iterator
@@ -26,7 +27,7 @@ _RING_HZ, _RING_S = 14.0, 0.05
 
 
 class Activity(IntEnum):
-    """Activity of a wearer, or of a device that is not worn (TABLE, HANDLED)."""
+    """Activities of a wearer; TABLE and HANDLED are those of a device that is not worn."""
 
     TABLE = 0
     HANDLED = 1
@@ -41,17 +42,17 @@ class Activity(IntEnum):
 
     @property
     def worn(self) -> bool:
-        """True if the device is on skin during this activity."""
+        """True if the device is worn on the body during this activity."""
         return self not in (Activity.TABLE, Activity.HANDLED)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Waves:
-    """A sum of k oscillations along fixed directions.
+    """Sum of k oscillations along fixed directions, with slowly modulated phases.
 
-    size (k, 3): amplitudes, in the unit of the sum. frequency_hz (k,). phase (k,) rad.
-    stray (k,): amplitude in rad of a slow phase modulation, with a period of some seven cycles, because living motion
-    is not periodic.
+    size (k, 3): amplitude vectors, in the unit of the sum. frequency_hz (k,). phase (k,): rad.
+    stray (k,): amplitude of the phase modulation, rad. The modulation has a period of about seven cycles. It makes the
+    motion aperiodic, as living motion is.
     """
 
     size: Array
@@ -60,7 +61,7 @@ class Waves:
     stray: Array
 
     def at(self, time_s: Array) -> Array:
-        """Return the sum of the oscillations, (n, 3) in the unit of `size`, at times (n,) in s."""
+        """Return the sum of the oscillations, (n, 3) in the unit of `size`. time_s (n,): s."""
         cycles = 2 * np.pi * time_s[:, None] * self.frequency_hz
         wave: Array = np.sin(cycles + self.phase + self.stray * np.sin(0.137 * cycles + 2 * self.phase)) @ self.size
         return wave
@@ -68,9 +69,10 @@ class Waves:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Ticks:
-    """Short knocks from outside, such as footfalls, at rising times time_s (m,).
+    """Short knocks from outside, such as footfalls, at rising times time_s (m,), s since the start of the stretch.
 
-    Each knock tilts by up to tilt (m, 3) rad and pushes with speed (m, 3) m/s; both ring and decay.
+    tilt (m, 3): amplitude of a rotation vector, rad, sensor axes. speed (m, 3): amplitude of a velocity, m/s, earth
+    axes. Both ring as a decaying sine wave after each knock.
     """
 
     time_s: Array
@@ -78,7 +80,11 @@ class Ticks:
     speed: Array
 
     def at(self, time_s: Array) -> tuple[Array, Array]:
-        """Return tilt (n, 3) rad and velocity (n, 3) m/s by the latest knock before each time of time_s (n,)."""
+        """Return the tilt and velocity caused by the latest knock before each time.
+
+        time_s (n,): s since the start of the stretch. tilt (n, 3): rotation vector, rad, sensor axes.
+        velocity (n, 3): m/s, earth axes.
+        """
         last = np.searchsorted(self.time_s, time_s, side="right") - 1
         since = np.where(last >= 0, time_s - self.time_s[last], np.inf)
         ring = (np.exp(-since / _RING_S) * np.sin(2 * np.pi * _RING_HZ * np.minimum(since, 1.0)))[:, None]
@@ -87,13 +93,14 @@ class Ticks:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stretch:
-    """One activity of a wearer, for duration_s.
+    """Stretch of time with one activity of a wearer, for duration_s.
 
-    Sway and bounce fade in and out within fade_s, so that both are zero at the ends.
-    pose (3,) rad: a limb movement, as a rotation vector in sensor axes, along a minimum-jerk curve.
-    axis (3,), goes (m, 4): the platform (bed, chair, floor) turns about this unit vector in earth axes. A go is begin
-    s, end s, angle rad, and seconds to reach the constant rate.
-    sway: rad, sensor axes. bounce: m/s; ahead, left and up. speed: m/s ahead.
+    pose (3,): limb movement over the stretch, rotation vector in rad, sensor axes, along a minimum-jerk curve.
+    axis (3,): unit vector in earth axes about which the platform (bed, chair, floor) turns.
+    goes (m, 4): turns of the platform; per row begin s, end s, angle rad, and ramp s to reach the constant rate.
+    sway: oscillating rotation vector, rad, sensor axes. bounce: oscillating velocity, m/s: ahead, left, up.
+    speed: forward speed, m/s. ticks: knocks from outside. fade_s: sway, velocity and knocks fade in and out within
+    this time, so that all are zero at both ends.
     """
 
     activity: Activity
@@ -108,17 +115,17 @@ class Stretch:
     ticks: Ticks | None = None
 
     def rotvec(self, time_s: Array) -> Array:
-        """Return the rotation vector (n, 3), rad, of pose and sway at times (n,) s since the start.
+        """Return the rotation vector (n, 3) of pose and sway, without knocks, in rad, sensor axes.
 
-        In sensor axes, and without knocks.
+        time_s (n,): s since the start of the stretch.
         """
         done = minimum_jerk(time_s / self.duration_s)[:, None] * self.pose
         return np.asarray(done + self._fade(time_s) * sum(wave.at(time_s) for wave in self.sway))
 
     def angle(self, time_s: Array) -> Array:
-        """Return the angle (n,), rad, by which the platform has turned at times (n,) s since the start.
+        """Return the angle (n,), rad, by which the platform has turned.
 
-        The platform's rate is constant, except for the ramps at the start and end of each go.
+        time_s (n,): s since the start of the stretch. The platform's rate is constant between the ramps of each turn.
         """
         begin, end, angle, ramp = self.goes.T
         u = np.clip(time_s[:, None], begin, end)
@@ -128,12 +135,19 @@ class Stretch:
         return total
 
     def velocity(self, time_s: Array) -> Array:
-        """Return the velocity (n, 3) ahead, left and up, m/s, at times (n,) s since the start, without knocks."""
+        """Return the wearer's velocity (n, 3) ahead, left and up, m/s, without knocks.
+
+        time_s (n,): s since the start of the stretch.
+        """
         ahead = self.speed * np.array([1.0, 0.0, 0.0])
         return np.asarray(self._fade(time_s) * (ahead + sum(wave.at(time_s) for wave in self.bounce)))
 
     def knocked(self, time_s: Array) -> tuple[Array, Array]:
-        """Return tilt (n, 3) rad and velocity (n, 3) m/s by knocks from outside, at times (n,) s since the start."""
+        """Return tilt and velocity caused by knocks from outside, faded at both ends of the stretch.
+
+        time_s (n,): s since the start of the stretch. tilt (n, 3): rotation vector, rad, sensor axes.
+        velocity (n, 3): m/s, earth axes.
+        """
         nothing = np.zeros((len(time_s), 3))
         if self.ticks is None or not len(self.ticks.time_s):
             return nothing, nothing
@@ -147,16 +161,20 @@ class Stretch:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Lived(TrueMotion):
-    """True motion of a wearer's device, with activity (n,) int8 and the sensor's velocity (n, 3) m/s, earth axes."""
+    """True motion of a wearer's device: TrueMotion with activity and velocity.
+
+    activity (n,) int8: values of Activity. velocity (n, 3): velocity of the sensor, m/s, earth axes.
+    """
 
     activity: NDArray[np.int8]
     velocity: Array
 
 
 class Body:
-    """A wearer's body with a device: plays stretches in order; after the last one the device lies on a table forever.
+    """True motion of a wearer's device: plays stretches of activity in order, then lies on a table forever.
 
-    lever (3,): from the joint the limb turns about to the sensor, sensor axes, m. attitude: the first attitude, wxyz.
+    lever (3,): vector from the joint about which the limb turns to the sensor, m, sensor axes.
+    attitude (4,): the first attitude, quaternion wxyz, sensor to earth.
     """
 
     def __init__(
@@ -173,9 +191,9 @@ class Body:
         self._reach = rotate(self._start, self._lever)
 
     def advance(self, time_s: Array) -> Lived:
-        """Return the true motion at times (n,) in s, n ≥ 1, rising and later than all before.
+        """Return the true motion at times (n,), s since the start of the motion.
 
-        The first call's first interval begins at 0.
+        Times must be rising, later than those of all calls before, and n ≥ 1. The first interval begins at 0.
         """
         attitude, velocity, activity = self._curves(time_s)
         dt = np.diff(time_s, prepend=self._time_s)[:, None]

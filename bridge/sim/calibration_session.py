@@ -15,13 +15,14 @@ TICK_S = 1e-6
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Session:
-    """Simulated calibration session: n samples of readings, with the truth about them.
+    """Simulated calibration session: n samples of readings, and the true values behind them.
 
-    ticks (n,) int64 of TICK_S, not wrapped; time_s (n,) the same in s. Sample i covers (time_s[i-1], time_s[i]], the
-    first from 0.
-    gyro (n, 3) rad/s, accel (n, 3) m/s², temperature_c (n,) °C; bias (n, 3) rad/s is the true bias at each sample.
-    stages (m, 2): first sample, and sample after the last, of rest, turn, rest … (rests at even rows). A sample whose
-    interval overlaps a turn belongs to the turn.
+    rate_hz: output data rate. ticks (n,): sample times in units of TICK_S, not wrapped. time_s (n,): the same in s.
+    Sample i covers (time_s[i-1], time_s[i]]; the first sample begins at 0.
+    gyro (n, 3): rad/s. accel (n, 3): m/s². temperature_c (n,). All vectors are in sensor axes.
+    truth: true parameters of the sensor. bias (n, 3): true bias at each sample, rad/s. motion: true motion.
+    stages (m, 2): rows of rest, turn, rest …, with rests at even rows. Columns are the first sample, and the sample
+    after the last. A sample whose interval overlaps a turn belongs to the turn.
     """
 
     rate_hz: float
@@ -51,9 +52,10 @@ def simulate_session(
 ) -> Session:
     """Simulate a calibration session, from motion to readings; the same arguments always give the same session.
 
-    Arguments are as in SessionPlan; rate_hz: output data rate. noise_dps (°/s per sample) replaces that of spec
-    (default: ImuSpec(), constant bias, no quantisation). Raises ValueError if rests do not fit turns.
-    The seed alone decides scale, bias and noise draws: changing the motion or the noise level keeps the device.
+    rate_hz: output data rate. spec: error limits of the sensor, by default those of ImuSpec(). noise_dps: white noise,
+    °/s per sample, which replaces that of spec. The other arguments are those of SessionPlan.
+    Raises ValueError if the number of rests does not fit the number of turns.
+    Scale, bias and noise draws depend on the seed alone: changing the motion or the noise level keeps the device.
     """
     script_rng, device_rng = np.random.default_rng(seed).spawn(2)
     plan = SessionPlan(rests_s, turns, turn_s, wobble_deg, tilt_deg, replacement_deg)

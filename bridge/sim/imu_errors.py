@@ -1,8 +1,12 @@
-"""Error model of a low-cost gyroscope and accelerometer: true motion in, readings and truth out.
+"""Error model of a low-cost gyroscope and accelerometer: converts true motion to readings.
 
     reading = M⁻¹ rate + bias(t) + G force + noise, then clipped to the range and rounded to the step
-    rate    = M (reading − bias),  M = diag(k) (I + E),  E with a zero diagonal; G is the g-sensitivity, zero by default
-    bias(t) = turn-on bias + b₁ (T − T₀) + b₂ (T − T₀)² + random walk + flicker,  T₀ the cold temperature of the spec
+    M       = diag(k) (I + E)
+    bias(t) = turn-on bias + b₁ (T − T₀) + b₂ (T − T₀)² + random walk + flicker
+
+reading, rate, bias: rad/s. k: scale factors, without unit. E: misalignment, rad, with a zero diagonal.
+G: g-sensitivity, rad/s per m/s², zero by default. force: specific force, m/s². T: temperature, °C.
+T₀: temperature at power-up in the spec. b₁, b₂: temperature coefficients, rad/s/K and rad/s/K².
 
 Scale, misalignment and turn-on bias are drawn once per boot; the bias then drifts and follows the temperature.
 Temperature coefficients, g-sensitivity and accelerometer errors belong to the part and are the same at every boot.
@@ -21,17 +25,18 @@ _STRETCH_S = 5.0  # within which the shortest process does not decay below float
 
 @dataclass(frozen=True, slots=True)
 class ImuSpec:
-    """Error limits of an IMU; values drawn per boot or part are uniform within their limits.
+    """Error limits of a simulated IMU; values drawn per boot or per part are uniform within their limits.
 
-    k: per axis, scale[0] to scale[1]. bias_limit_dps: turn-on bias, ± °/s. misalignment_deg: each element of E, ± °.
-    noise_dps, accel_noise: white noise, standard deviation per sample (°/s, m/s²) at the usual rate.
-    accel_bias: ± m/s². accel_scale: ± deviation of the accelerometer scale factors from 1.
+    scale: lowest and highest scale factor k of each axis. bias_limit_dps: turn-on bias, ± °/s.
+    misalignment_deg: each off-diagonal element of E, ± °.
+    noise_dps, accel_noise: white noise, standard deviation per sample at the usual output data rate, °/s and m/s².
+    accel_bias: ± m/s². accel_scale: largest deviation of an accelerometer scale factor from 1, ±, without unit.
     g_sensitivity_dps_per_g: each element of G, ± °/s per g.
     rrw_dps_per_sqrt_s: rate random walk, °/s/√s.
-    bias_instability_dps: B of the flicker noise, °/s, whose Allan deviation is 0.664 B.
-    bias_dps_per_kelvin, bias_dps_per_kelvin2: b₁ (°/s/K) and b₂ (°/s/K²), ±, per axis.
-    temperature_c: at power-up and when warm, °C; warm_up_s: time constant of the warming, s.
-    range_dps: full scale of the reading, ± °/s. step_dps: quantisation step of the reading, °/s, 0 for none.
+    bias_instability_dps: B of the flicker noise, °/s; its Allan deviation is 0.664 B.
+    bias_dps_per_kelvin, bias_dps_per_kelvin2: temperature coefficients b₁ (°/s/K) and b₂ (°/s/K²) per axis, ±.
+    temperature_c: temperature at power-up and when warm, °C. warm_up_s: time constant of the warming, s.
+    range_dps: full-scale range of the reading, ± °/s. step_dps: quantisation step of the reading, °/s; 0 for none.
     """
 
     scale: tuple[float, float] = (0.8, 1.2)
@@ -64,12 +69,12 @@ DEMO_SPEC = ImuSpec(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Truth:
-    """True sensor parameters of one boot: rate = matrix (reading − bias). The bias of each sample is in Readings.bias.
+    """True sensor parameters of one boot, in rate = matrix (reading − bias).
 
-    matrix (3, 3), with diagonal k (3,), without unit.
-    turn_on_bias (3,) rad/s: the bias at T₀, which is the bias at power-up if the device is then at T₀.
-    bias_per_kelvin (3,) rad/s/K, bias_per_kelvin2 (3,) rad/s/K²; g_sensitivity (3, 3) rad/s per m/s².
-    accel_bias (3,) m/s², accel_scale (3,), without unit.
+    matrix (3, 3): calibration matrix, without unit; its diagonal is k (3,). `Readings.bias` has the bias per sample.
+    turn_on_bias (3,): rad/s, the bias at the temperature T₀ at power-up that the spec states.
+    bias_per_kelvin (3,): rad/s/K. bias_per_kelvin2 (3,): rad/s/K². g_sensitivity (3, 3): rad/s per m/s².
+    accel_bias (3,): m/s². accel_scale (3,): without unit.
     """
 
     matrix: Array
@@ -81,20 +86,23 @@ class Truth:
     g_sensitivity: Array
 
     def of_part(self, part: "Truth") -> "Truth":
-        """Return the truth of this boot with the parameters of `part` that stay the same at every boot of a device."""
+        """Return this boot's matrix and turn-on bias, with all other parameters taken from `part`.
+
+        part: truth of an earlier boot of the same device; the parameters taken from it are the same at every boot.
+        """
         return replace(part, matrix=self.matrix, turn_on_bias=self.turn_on_bias)
 
     @property
     def k(self) -> Array:
-        """Scale factors (3,) of x, y and z, without unit: the diagonal of the matrix."""
+        """Scale factors (3,) of x, y and z, without unit: the diagonal of the calibration matrix."""
         return np.diag(self.matrix).copy()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Readings:
-    """Sensor readings of n samples: gyro (n, 3) rad/s, accel (n, 3) m/s², temperature_c (n,) °C.
+    """Sensor readings of n samples, in sensor axes: gyro (n, 3) rad/s, accel (n, 3) m/s², temperature_c (n,) °C.
 
-    bias (n, 3) rad/s: the true bias in the readings.
+    bias (n, 3): true bias contained in the gyro readings, rad/s.
     """
 
     gyro: Array
@@ -104,9 +112,9 @@ class Readings:
 
 
 class ImuErrorModel:
-    """Sensor of one boot, which turns true motion into readings with errors. Its random values come from rng.
+    """IMU of one boot: converts true motion to readings with errors, drawn from rng.
 
-    truth: parameters of the sensor; None draws them.
+    spec: error limits of the sensor. truth: true parameters of the sensor; None draws them from rng.
     """
 
     def __init__(self, spec: ImuSpec, rng: np.random.Generator, truth: Truth | None = None) -> None:
@@ -123,13 +131,17 @@ class ImuErrorModel:
         self._white = 1.0
 
     def pace(self, faster: float) -> None:
-        """Sample at `faster` times the usual rate from the next read on; the white noise density stays the same."""
+        """Change the output data rate from the next read on, to `faster` times the usual rate.
+
+        The white noise density stays the same, so the noise per sample grows with the square root of `faster`.
+        """
         self._white = float(np.sqrt(faster))
 
     def read(self, motion: TrueMotion, temperature_c: Array | None = None) -> Readings:
-        """Return the readings of the next stretch of motion; times (s) count from this boot's first sample interval.
+        """Return the readings of the next stretch of true motion.
 
-        temperature_c (n,): sensor temperature, °C; by default the sensor warms up as in its spec.
+        motion: its times are in s since the boot's first sample interval began. temperature_c (n,): sensor temperature;
+        None for the warm-up curve of the spec.
         """
         spec, rng, n = self.spec, self._rng, len(motion.time_s)
         if temperature_c is None:
@@ -147,7 +159,10 @@ class ImuErrorModel:
         return Readings(gyro, accel, temperature_c, bias)
 
     def temperature_c(self, time_s: Array) -> Array:
-        """Return the sensor temperature (n,), °C, at times (n,) in s since its boot."""
+        """Return the sensor temperature (n,), °C, which approaches the warm temperature exponentially.
+
+        time_s (n,): s since the boot.
+        """
         cold, warm = self.spec.temperature_c
         return np.asarray(warm + (cold - warm) * np.exp(-time_s / self.spec.warm_up_s))
 
@@ -168,7 +183,10 @@ class ImuErrorModel:
 
 
 def draw(spec: ImuSpec, rng: np.random.Generator) -> Truth:
-    """Draw the true parameters of a device at its first boot from rng; see Truth.of_part for later boots."""
+    """Draw the true sensor parameters of a device at its first boot, uniform within the limits of `spec`.
+
+    For later boots, `Truth.of_part` keeps the parameters that belong to the part.
+    """
 
     def within(limit: float, shape: int | tuple[int, int] = 3) -> Array:
         return rng.uniform(-limit, limit, shape)
@@ -191,9 +209,10 @@ def draw(spec: ImuSpec, rng: np.random.Generator) -> Truth:
 
 
 class Flicker:
-    """Flicker noise on three axes, with bias instability B (`instability`, whose unit the noise has), drawn from rng.
+    """Flicker noise (1/f) on three axes: a sum of first-order Gauss-Markov processes, drawn from rng.
 
-    Call `at` in order, in any batches.
+    instability: bias instability B, in the unit of the noise. The correlation times are 0.5 s to 20000 s, three per
+    decade. Call `at` with rising times, in batches of any size.
     """
 
     def __init__(self, instability: float, rng: np.random.Generator) -> None:
@@ -206,7 +225,10 @@ class Flicker:
         self._time_s = 0.0
 
     def at(self, time_s: Array) -> Array:
-        """Return noise (n, 3) at times (n,) in s, rising and later than all before; all times are > 0."""
+        """Return the flicker noise (n, 3), in the unit of the instability.
+
+        time_s (n,): s, above zero, rising, and later than those of all calls before.
+        """
         parts, begin = [], 0
         while begin < len(time_s):
             end = int(np.searchsorted(time_s, max(self._time_s, time_s[begin]) + _STRETCH_S, side="right"))

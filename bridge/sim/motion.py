@@ -1,8 +1,8 @@
 """True body motion, sampled at any times: attitude, body rate and specific force.
 
-A motion is a chain of pieces, each an exact curve of attitude. Convention: sample i covers (t[i-1], t[i]], and rate[i]
-turns attitude[i-1] into attitude[i] exactly. Integrating the rates as constant between sample times gives the true
-attitude to rounding, however coarse the samples.
+A motion is a chain of pieces. The attitude of a piece is an exact curve of time. Sample i covers (t[i-1], t[i]].
+rate[i] turns attitude[i-1] into attitude[i] exactly. Integrating the rates as constant between sample times
+therefore gives the true attitude to rounding, at any sample rate.
 """
 
 from collections.abc import Iterable
@@ -20,43 +20,50 @@ _IDENTITY = np.array([[1.0, 0.0, 0.0, 0.0]])
 
 
 class Piece(Protocol):
-    """A piece of motion that begins and ends at rest; its attitude is an exact curve of time.
+    """Piece of motion that begins and ends at rest; its attitude is an exact curve of time.
 
-    lever: from the centre of rotation to the sensor, sensor axes, m.
+    lever (3,): vector from the centre of rotation to the sensor, m, sensor axes.
     """
 
     @property
     def duration_s(self) -> float:
-        """Duration of the piece in s."""
+        """Duration of the piece, s."""
 
     @property
     def lever(self) -> tuple[float, float, float]:
-        """Lever arm from the centre of rotation to the sensor, sensor axes, m."""
+        """Lever arm (3,): vector from the centre of rotation to the sensor, m, sensor axes."""
 
     def attitude(self, time_s: Array) -> Array:
-        """Return the attitude (n, 4) wxyz at times (n,) in 0 to duration_s, relative to the piece's own start."""
+        """Return the attitude (n, 4), quaternions wxyz, relative to the attitude at the piece's start.
+
+        time_s (n,): s since the piece's start, 0 to duration_s.
+        """
 
 
 @dataclass(frozen=True, slots=True)
 class Still:
-    """A piece of motion at rest, for duration_s."""
+    """Piece of motion at rest, for duration_s. lever (3,): lever arm in m, sensor axes."""
 
     duration_s: float
     lever: tuple[float, float, float] = NO_LEVER
 
     def attitude(self, time_s: Array) -> Array:
-        """Return the unchanged attitude (n, 4) wxyz, the identity, at times (n,) in s since the piece's start."""
+        """Return the identity quaternion wxyz for each time, (n, 4): a still device does not turn.
+
+        time_s (n,): s since the piece's start.
+        """
         return np.repeat(_IDENTITY, len(time_s), axis=0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Turn:
-    """A rotation by `angle` rad about the unit `axis` (3,), along the path of a hand.
+    """Rotation by `angle` rad about the unit vector `axis` (3,) in sensor axes, as turned by a hand, in duration_s.
 
-    goes (m, 3): begin s, end s and share of each push. Each push is a minimum-jerk curve; the shares add up to 1.
-    wobble (h, 3): harmonics, in rad, of a tilt across the path that is zero at both ends. Wobble moves the axis but not
-    the end attitude.
-    offset (3,): small rotation, rad, by which the end misses; zero for a perfect re-placement.
+    goes (m, 3): one row per push of the hand: begin s, end s, and share of the angle. Each push is a minimum-jerk
+    curve; the shares add up to 1.
+    wobble (h, 3): amplitudes of the harmonics of a tilt across the axis, rad. The tilt is zero at both ends.
+    offset (3,): closure error, as a rotation vector in rad; zero for a perfect re-placement.
+    lever (3,): lever arm in m, sensor axes.
     """
 
     duration_s: float
@@ -68,7 +75,10 @@ class Turn:
     lever: tuple[float, float, float] = NO_LEVER
 
     def attitude(self, time_s: Array) -> Array:
-        """Return the attitude (n, 4) wxyz at times (n,) in s since the piece's start, relative to that start."""
+        """Return the attitude (n, 4), quaternions wxyz, relative to the attitude at the piece's start.
+
+        time_s (n,): s since the piece's start, 0 to duration_s.
+        """
         begin, end, share = self.goes.T
         done = minimum_jerk((time_s[:, None] - begin) / (end - begin)) @ share
         spin = from_rotvec(self.angle * done[:, None] * self.axis)
@@ -80,7 +90,11 @@ class Turn:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Spin:
-    """A machine turn about the unit `axis` (3,): up to `rate` rad/s within ramp_s, constant, and down again."""
+    """Turn by a machine about the unit vector `axis` (3,) in sensor axes, in duration_s, with a constant rate.
+
+    rate: constant rate between the ramps, rad/s. ramp_s: time to reach the rate, and to stop, s.
+    lever (3,): lever arm in m, sensor axes.
+    """
 
     duration_s: float
     axis: Array
@@ -89,7 +103,10 @@ class Spin:
     lever: tuple[float, float, float] = NO_LEVER
 
     def attitude(self, time_s: Array) -> Array:
-        """Return the attitude (n, 4) wxyz at times (n,) in s since the piece's start, relative to that start."""
+        """Return the attitude (n, 4), quaternions wxyz, relative to the attitude at the piece's start.
+
+        time_s (n,): s since the piece's start, 0 to duration_s.
+        """
         up = np.clip(time_s, 0.0, self.ramp_s)
         down = np.clip(time_s - (self.duration_s - self.ramp_s), 0.0, self.ramp_s)
         steady = np.clip(time_s, 0.0, self.duration_s) - self.ramp_s
@@ -99,9 +116,13 @@ class Spin:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Swing:
-    """Natural movement: the rotation vector is a sum of harmonics under a smooth envelope, plus a net change of pose.
+    """Natural movement to another pose, in duration_s.
 
-    pose (3,) rad: the end pose. sine, cosine (h, 3) rad: amplitudes at 1, 2 … h cycles per duration.
+    The rotation vector (rad, sensor axes) is a minimum-jerk curve to the end pose, plus harmonics under a smooth
+    envelope.
+    pose (3,): rotation vector of the end pose, rad. sine, cosine (h, 3): amplitudes at 1, 2 … h cycles per duration,
+    rad.
+    lever (3,): lever arm in m, sensor axes.
     """
 
     duration_s: float
@@ -111,9 +132,9 @@ class Swing:
     lever: tuple[float, float, float] = NO_LEVER
 
     def rotvec(self, time_s: Array) -> Array:
-        """Return the rotation vector (n, 3), rad, at times (n,) in s, relative to the start of the piece.
+        """Return the rotation vector (n, 3) relative to the attitude at the piece's start, rad.
 
-        The rotation vector's slope is an upper bound of the body rate.
+        time_s (n,): s since the piece's start. The slope of the rotation vector is an upper bound of the body rate.
         """
         u = time_s / self.duration_s
         phase = 2 * np.pi * u[:, None] * np.arange(1, len(self.sine) + 1)
@@ -122,16 +143,20 @@ class Swing:
         return np.asarray(minimum_jerk(u)[:, None] * self.pose + waves)
 
     def attitude(self, time_s: Array) -> Array:
-        """Return the attitude (n, 4) wxyz at times (n,) in s since the piece's start, relative to that start."""
+        """Return the attitude (n, 4), quaternions wxyz, relative to the attitude at the piece's start.
+
+        time_s (n,): s since the piece's start, 0 to duration_s.
+        """
         return from_rotvec(self.rotvec(time_s))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrueMotion:
-    """True motion at n samples: time_s (n,), rate (n, 3) rad/s in body axes, attitude (n, 4) wxyz sensor -> earth.
+    """True motion at n samples: time, angular rate, attitude and specific force.
 
-    force (n, 3) m/s², sensor axes: the specific force a perfect accelerometer reads: gravity (9.80665 up at rest) plus
-    the acceleration of the lever arm.
+    time_s (n,): s. rate (n, 3): rad/s, sensor axes. attitude (n, 4): unit quaternions wxyz, sensor to earth.
+    force (n, 3): specific force that a perfect accelerometer reads, m/s², sensor axes. At rest the force is 9.80665
+    upwards.
     """
 
     time_s: Array
@@ -141,9 +166,9 @@ class TrueMotion:
 
 
 class Motion:
-    """Plays pieces of motion in order and on demand; after the last piece the device stays still forever.
+    """True motion of a device: plays pieces of motion in order; after the last piece the device stays still forever.
 
-    pieces may be endless. attitude: the first attitude, wxyz.
+    pieces: may be endless. attitude (4,): the first attitude, quaternion wxyz, sensor to earth.
     """
 
     def __init__(self, pieces: Iterable[Piece], attitude: ArrayLike = (1.0, 0.0, 0.0, 0.0)) -> None:
@@ -156,9 +181,9 @@ class Motion:
         self._rate = np.zeros((1, 3))
 
     def advance(self, time_s: Array) -> TrueMotion:
-        """Return the true motion at times (n,) in s, n ≥ 1, rising and later than all before.
+        """Return the true motion at times (n,), s since the start of the motion, n ≥ 1.
 
-        The first call's first interval begins at 0. Raises ValueError if the times do not rise.
+        The first interval begins at 0. Raises ValueError if the times do not rise, within a call or from call to call.
         """
         attitude, lever = self._attitudes(time_s)
         dt = np.diff(time_s, prepend=self._time_s)[:, None]
@@ -195,9 +220,10 @@ class Motion:
 
 
 def minimum_jerk(u: Array) -> Array:
-    """Return the minimum-jerk curve of a hand's movement, from 0 to 1, at u (any shape); constant outside 0 ≤ u ≤ 1.
+    """Return the minimum-jerk curve of a hand movement: the share of the way done, from 0 to 1.
 
-    Velocity and acceleration are zero at both ends.
+    u: time as a share of the movement's duration, in any shape; the result has the same shape and is constant outside
+    0 ≤ u ≤ 1. Velocity and acceleration are zero at both ends.
     """
     u = np.clip(u, 0.0, 1.0)
     return np.asarray(u**3 * (10 - 15 * u + 6 * u * u))

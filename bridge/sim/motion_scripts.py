@@ -17,9 +17,9 @@ _SWING_HARMONICS = 3
 
 @dataclass(frozen=True, slots=True)
 class TurnPlan:
-    """Plan of one hand-made turn about a sensor axis (0 x, 1 y, 2 z); a negative angle is the other direction.
+    """Plan of one hand-made turn about a sensor axis; a negative angle_deg turns in the other direction.
 
-    duration_s: None draws the duration. goes: number of pushes.
+    axis: 0 for x, 1 for y, 2 for z. duration_s: None draws the duration. goes: number of pushes of the hand.
     swing: instead of turning, pick the device up and put it down in another pose; angle_deg then sets the speed.
     """
 
@@ -34,11 +34,11 @@ class TurnPlan:
 class SessionPlan:
     """Plan of a calibration session: still, turn, still, turn … still.
 
-    rests_s: seconds, one for all rests, or one for each (turns + 1).
-    turns: None for all three axes, in any order and direction. turn_s: range from which the turn durations are drawn,
-    s.
-    wobble_deg: greatest tilt across the path of a turn, which still closes exactly.
-    tilt_deg: greatest angle between a turn's axis and the sensor axis.
+    rests_s: duration of every rest, or one duration for each of the rests (number of turns + 1).
+    turns: plans of the turns; None draws one turn about each axis, in any order and direction.
+    turn_s: shortest and longest duration of a turn whose plan has none, s.
+    wobble_deg: largest tilt of a turn's axis on its way; the turn still closes exactly.
+    tilt_deg: largest angle between a turn's axis and the sensor axis.
     replacement_deg: closure error of a turn, standard deviation per axis.
     """
 
@@ -53,7 +53,7 @@ class SessionPlan:
 def session(rng: np.random.Generator, plan: SessionPlan | None = None) -> list[Piece]:
     """Draw the pieces of motion of a calibration session: rests at even positions, turns at odd ones.
 
-    plan: None for SessionPlan(). Raises ValueError if rests do not fit turns.
+    plan: None for SessionPlan(). Raises ValueError if the number of rests does not fit the number of turns.
     """
     plan = plan or SessionPlan()
     turns = any_three_turns(rng) if plan.turns is None else plan.turns
@@ -67,9 +67,10 @@ def session(rng: np.random.Generator, plan: SessionPlan | None = None) -> list[P
 
 
 def poses(rng: np.random.Generator, movements: int, *, rest_s: float = 3.0, turn_s: float = 2.0) -> list[Piece]:
-    """Draw the motion of a device laid down in one pose after another, resting rest_s in each.
+    """Draw the motion of a device laid down in one pose after another, resting for rest_s in each.
 
-    movements: number of turns between poses, of 60 to 170 degrees within turn_s, about any axis with a wobbling hand.
+    movements: number of movements between poses. Each movement turns by 60 to 170 degrees within turn_s, about any
+    axis, with a wobbling hand.
     """
     pieces: list[Piece] = [Still(rest_s)]
     for _ in range(movements):
@@ -85,11 +86,12 @@ def poses(rng: np.random.Generator, movements: int, *, rest_s: float = 3.0, turn
 def machine(
     mounts: Array, rates_dps: tuple[float, ...], *, rest_s: float = 3.0, spin_s: float = 5.0, up: Array | None = None
 ) -> list[Piece]:
-    """Return the motion on a turntable or servo with a vertical axis: every rate, in each mounting of the sensor.
+    """Return the motion on a turntable or servo with a vertical axis: each rate, in each mounting of the sensor.
 
-    mounts (m, 3): per mounting, the unit vector in sensor axes that points up. up (3,): the vector that points up at
-    the start; None for z.
-    In one mounting: rest, spin, rest, spin …; a new mounting is reached by a movement of 1 s.
+    mounts (m, 3): unit vector in sensor axes that points up, per mounting. rates_dps: constant rate of each spin, °/s.
+    rest_s, spin_s: duration of each rest and spin. up (3,): unit vector in sensor axes that points up at the start;
+    None for z.
+    In each mounting, rests and spins alternate. A movement of 1 s leads to the next mounting.
     """
     up = np.array([0.0, 0.0, 1.0]) if up is None else up
     pieces: list[Piece] = [Still(rest_s)]
@@ -103,7 +105,11 @@ def machine(
 
 
 def tipped(up: Array, then: Array, duration_s: float, wobble: Array | None = None) -> Turn:
-    """Return the turn, in one go, after which the unit vector `then` (3,) in sensor axes points up instead of `up`."""
+    """Return the turn, in one push, after which the vector `then` points up instead of `up`.
+
+    up, then (3,): unit vectors in sensor axes. duration_s: duration of the turn. wobble (h, 3): as in Turn, rad; None
+    for no wobble.
+    """
     across = np.cross(then, up)
     angle = float(np.arctan2(np.linalg.norm(across), then @ up))
     if np.pi - angle < 1e-9:  # upside down: any axis across will do
@@ -114,7 +120,7 @@ def tipped(up: Array, then: Array, duration_s: float, wobble: Array | None = Non
 
 
 def any_three_turns(rng: np.random.Generator) -> tuple[TurnPlan, ...]:
-    """Draw the plans of a full turn about each axis, in any order and direction."""
+    """Draw the plans of three turns, by 360° about each sensor axis, in any order and direction."""
     return tuple(TurnPlan(int(axis), 360.0 * rng.choice([-1, 1])) for axis in rng.permutation(3))
 
 
@@ -125,9 +131,9 @@ def worn(
     burst_s: tuple[float, float] = (1.0, 5.0),
     peak_dps: tuple[float, float] = (30.0, 150.0),
 ) -> Iterator[Piece]:
-    """Yield endless everyday motion: a burst of movement, a rest in the new pose, and so on.
+    """Yield endless everyday motion of a worn device: bursts of movement and rests alternate.
 
-    rest_s, burst_s: ranges of the durations, s. peak_dps: range of the highest rate of a burst, °/s.
+    rest_s, burst_s: shortest and longest duration, s. peak_dps: lowest and highest peak rate of a burst, °/s.
     """
     while True:
         yield swing(rng, rng.uniform(*burst_s), np.radians(rng.uniform(*peak_dps)))
@@ -135,7 +141,7 @@ def worn(
 
 
 def swing(rng: np.random.Generator, duration_s: float, peak_rate: float) -> Swing:
-    """Draw a smooth movement about all axes to another pose, never faster than peak_rate rad/s."""
+    """Draw a smooth movement about all axes to another pose, in duration_s, never faster than peak_rate rad/s."""
     fade = 1 / np.arange(1, _SWING_HARMONICS + 1)[:, None]
     pose, sine, cosine = rng.normal(size=3), *(fade * rng.normal(size=(2, _SWING_HARMONICS, 3)))
     shape = Swing(duration_s, pose, sine, cosine)
@@ -146,7 +152,10 @@ def swing(rng: np.random.Generator, duration_s: float, peak_rate: float) -> Swin
 
 
 def demo_script(rng: np.random.Generator, warm_up_s: float = 2.0) -> Motion:
-    """Draw the motion of the demonstration device: put down (warm_up_s), calibrated within 30 s, worn forever."""
+    """Draw the motion of the demonstration device: at rest for warm_up_s, then calibrated by hand, then worn forever.
+
+    The calibration ends within 30 s.
+    """
 
     def pieces() -> Iterator[Piece]:
         yield Still(warm_up_s)
@@ -157,7 +166,10 @@ def demo_script(rng: np.random.Generator, warm_up_s: float = 2.0) -> Motion:
 
 
 def flat(rng: np.random.Generator) -> Array:
-    """Draw the attitude (4,) wxyz, sensor -> earth, of a device lying on a table, z up, with any heading."""
+    """Draw the attitude of a device that lies on a table with its z axis up, at any heading.
+
+    Returns a quaternion (4,) wxyz, sensor to earth.
+    """
     half = rng.uniform(-np.pi, np.pi) / 2
     return np.array([np.cos(half), 0.0, 0.0, np.sin(half)])
 

@@ -1,10 +1,11 @@
-"""The paper's simulated sessions, gyro only and many at once: still, turn x, still, turn y, still, turn z, still.
+"""Simulated calibration sessions of the paper: still, turn x, still, turn y, still, turn z, still; gyro only.
 
-Source: Wang et al., Mechatronics 102 (2024) 103232, simulation: scale U(0.8, 1.2), bias U(-5, 5) °/s, turning axes off
-the sensor's by U(-10 %, 10 %), speed along a Bézier curve, white noise. Additions: a wobbling hand, a hand that misses
-the start, and sensors that sample points.
-Averaging sensor: sample i covers the interval that ends at it, and its rate turns one attitude into the next exactly.
-Point-sampling sensor: sample i is the rate at the end of that interval.
+Source: Wang et al., Mechatronics 102 (2024) 103232, simulation. Scale factors are U(0.8, 1.2), biases U(-5, 5) °/s.
+Turning axes deviate from the sensor axes by U(-10 %, 10 %). The speed follows a Bézier curve; the noise is white.
+Additions to the paper: wobble of the hand, closure error, and sensors that sample points.
+
+Averaging sensor: sample i is the mean rate over the interval that ends at its time. The mean rate turns one attitude
+into the next exactly. Point-sampling sensor: sample i is the rate at the end of that interval.
 """
 
 from dataclasses import dataclass
@@ -24,11 +25,13 @@ _POINT = 1e-3
 
 @dataclass(frozen=True, slots=True)
 class PaperPlan:
-    """Parameters of the simulated sessions of a study. noise_dps: white noise per sample, °/s; times in s.
+    """Parameters of simulated calibration sessions of the paper.
 
-    wobble_deg: amplitude by which a turn's axis swings in space, in both directions across it; the turn still closes.
+    noise_dps: white noise, standard deviation per sample, °/s. rest_s: duration of each rest. turn_s: shortest and
+    longest duration of a turn, s. rate_hz: output data rate.
+    wobble_deg: amplitude of the swing of a turn's axis in space; the turn still closes.
     replacement_deg: closure error of a turn, standard deviation per axis.
-    sampling: "mean", a reading is the mean rate over its interval; "point", the rate at its end.
+    sampling: "mean" for readings that average the rate over an interval, "point" for the rate at its end.
     """
 
     noise_dps: float = 0.03
@@ -42,9 +45,10 @@ class PaperPlan:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PaperGyro:
-    """A gyro with one of the paper's parameter sets: rate = k (reading - bias).
+    """True parameters of a gyro of the paper's simulation, in rate = k (reading - bias).
 
-    k (3,), without unit; bias (3,) rad/s; axes (3, 3): unit vectors of the turning axes, in rows.
+    k (3,): scale factors, without unit. bias (3,): rad/s. axes (3, 3): unit vectors of the turning axes, in rows,
+    sensor axes.
     """
 
     k: Array
@@ -54,10 +58,10 @@ class PaperGyro:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PaperSessions:
-    """Simulated sessions: s of one gyro. Readings in rad/s of the rests (s, 4, m, 3) and of the turns (s, 3, n, 3).
+    """Simulated calibration sessions of one gyro: s sessions with four rests of m samples and three turns of n samples.
 
-    rates (s, 3, n, 3): true rates of the turns, rad/s. dt (s, 3, n): duration of each turn sample, s; 0 after the
-    turn's end.
+    rests (s, 4, m, 3), turns (s, 3, n, 3): readings, rad/s. rates (s, 3, n, 3): true rates of the turns, rad/s.
+    dt (s, 3, n): duration of each turn sample, s; 0 after the turn's end. Vectors are in sensor axes.
     """
 
     gyro: PaperGyro
@@ -68,14 +72,17 @@ class PaperSessions:
 
 
 def draw_gyro(rng: np.random.Generator) -> PaperGyro:
-    """Draw one of the paper's parameter sets: scale, bias, and turning axes slightly off the sensor's."""
+    """Draw the true parameters of a gyro from the paper's distributions: scale factors, bias and turning axes."""
     axes = np.eye(3) + rng.uniform(-0.1, 0.1, (3, 3)) * (1 - np.eye(3))
     axes /= np.linalg.norm(axes, axis=1)[:, None]
     return PaperGyro(rng.uniform(0.8, 1.2, 3), np.radians(rng.uniform(-5, 5, 3)), axes)
 
 
 def simulate(gyro: PaperGyro, plan: PaperPlan, sessions: int, rng: np.random.Generator) -> PaperSessions:
-    """Simulate `sessions` calibration sessions of one gyro, each with its own turns and noise, drawn from rng."""
+    """Simulate calibration sessions of one gyro, each with its own turns and noise, drawn from rng.
+
+    sessions: number of sessions.
+    """
     counts = np.round(rng.uniform(*plan.turn_s, (sessions, 3)) * plan.rate_hz).astype(int)
     n = int(counts.max())
     dt = (np.arange(n) < counts[..., None]) / plan.rate_hz

@@ -1,4 +1,4 @@
-"""Puts a virtual device behind a real pseudo-terminal with a stable name, like udev's /dev/serial/by-id.
+"""Connects a virtual device to a real pseudo-terminal with a stable name, like udev's /dev/serial/by-id.
 
 Programs see a serial port: it can be locked, set to any speed, unplugged and plugged in again.
 """
@@ -23,11 +23,11 @@ _LONGEST_TURN_S = 0.25
 
 
 class PtyPort:
-    """Runs a virtual device behind a pseudo-terminal, in a thread of its own; plugged in from the start.
+    """Serial port of a virtual device: a pseudo-terminal served by its own thread; plugged in from the start.
 
-    speed: multiple of real time. link: path of the symbolic link that names the port.
-    Bytes for which the reader leaves no room, or sent while unplugged, are lost and counted in dropped_bytes.
-    lossless: the device's time stands still instead, for replays.
+    link: path of the symbolic link that names the port. speed: simulated seconds per real second.
+    lossless: the device's time stops while the reader has no room or the port is unplugged; no byte is lost. Otherwise
+    such bytes are lost and counted in `dropped_bytes`.
     byte_fault: damages the bytes on their way to the host; may be set and cleared at any time.
     """
 
@@ -63,11 +63,11 @@ class PtyPort:
 
     @property
     def device_time_s(self) -> float:
-        """Seconds for which the device has been running, on its own clock."""
+        """Simulated time for which the device has run, s."""
         return self._time_s
 
     def plug(self) -> None:
-        """Plug the port in: a new terminal behind the same name; does nothing if plugged in."""
+        """Plug the port in: create a new terminal under the same name; does nothing if plugged in."""
         with self._lock:
             if self._master >= 0:
                 return
@@ -82,9 +82,9 @@ class PtyPort:
             fresh.replace(self.link)
 
     def unplug(self) -> None:
-        """Unplug the port: its name vanishes and a reader gets an error; does nothing if unplugged.
+        """Unplug the port: remove its name, and give a reader an error; does nothing if unplugged.
 
-        The device keeps running.
+        The device keeps running, unless the port is lossless.
         """
         with self._lock:
             if self._master < 0:

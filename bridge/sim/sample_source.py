@@ -1,4 +1,7 @@
-"""Sample sources of a virtual device. Times are on the device's own clock."""
+"""Sample sources of a virtual device: the contract, and a simulated sensor on a moving body.
+
+Sample times are on the device's own clock.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -16,7 +19,10 @@ _TICKS_PER_S = 1e6
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrueSamples:
-    """Truth of n samples: rate (n, 3) rad/s in body axes, attitude (n, 4) wxyz sensor -> earth, bias (n, 3) rad/s."""
+    """True values of n samples: angular rate, attitude and bias.
+
+    rate (n, 3): rad/s, sensor axes. attitude (n, 4): unit quaternions wxyz, sensor to earth. bias (n, 3): rad/s.
+    """
 
     rate: Array
     attitude: Array
@@ -29,9 +35,10 @@ class TrueSamples:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Samples:
-    """Readings of n samples at clock_s (n,), s since streaming began on the device's clock, with their truth or None.
+    """Readings of n samples, in sensor axes, with their true values.
 
-    gyro (n, 3) rad/s, accel (n, 3) m/s², temperature_c (n,) °C.
+    clock_s (n,): time by the device's clock since streaming began, s. gyro (n, 3): rad/s. accel (n, 3): m/s².
+    temperature_c (n,). truth: true values; None if unknown.
     """
 
     clock_s: Array
@@ -49,7 +56,7 @@ class Samples:
         return Samples(self.clock_s[part], self.gyro[part], self.accel[part], self.temperature_c[part], truth)
 
     def joined(self, later: "Samples") -> "Samples":
-        """Return these samples followed by `later`, without truth."""
+        """Return these samples followed by those of `later`; the result has no true values."""
         return Samples(
             clock_s=np.concatenate([self.clock_s, later.clock_s]),
             gyro=np.concatenate([self.gyro, later.gyro]),
@@ -60,7 +67,11 @@ class Samples:
 
 @dataclass(frozen=True, slots=True)
 class Sensor:
-    """Sensor properties that a device reports: nominal rate_hz, full scale gyro_range in rad/s, other sensors."""
+    """Sensor properties that a device reports.
+
+    rate_hz: nominal output data rate. gyro_range: full-scale range, rad/s.
+    has_accel, has_temperature: True if the device measures acceleration or temperature.
+    """
 
     rate_hz: float
     gyro_range: float
@@ -69,30 +80,34 @@ class Sensor:
 
 
 class Source(Protocol):
-    """Source of a virtual device's samples, in order from power-up on. sensor: what the device reports."""
+    """Source of a virtual device's samples, in order from power-up on.
+
+    sensor: properties that the device reports.
+    """
 
     sensor: Sensor
 
     def power_up(self, rng: np.random.Generator, true_s_per_clock_s: float) -> Truth | None:
-        """Begin a boot, drawing its random values from rng; return the sensor's true parameters, or None if unknown.
+        """Start a boot with random values from rng; return the true parameters of the sensor, or None if unknown.
 
         true_s_per_clock_s: true seconds per second of the device's clock.
         """
 
     def pace(self, rate_hz: float) -> None:
-        """Set the sample rate, Hz, from the next read until the next power-up, if the source supports it.
+        """Set the output data rate, Hz, from the next read until the next power-up.
 
-        `sensor` then has the actual rate.
+        A source without this ability ignores the call. Afterwards `sensor` has the actual rate.
         """
 
     def read(self) -> Samples | None:
-        """Return the next samples, about a second of them; None after the last."""
+        """Return the next samples, about one second long; None after the last sample."""
 
 
 class SimulatedSource:
-    """Source of samples from a simulated moving body and an erroneous sensor; it never ends.
+    """Endless source of samples from a simulated moving body and a simulated sensor with errors.
 
-    script: makes the motion of a boot from rng. spec: of the sensor; None for ImuSpec().
+    script: makes the motion of a boot from a random generator. spec: error limits of the sensor; None for ImuSpec().
+    rate_hz: output data rate.
     """
 
     def __init__(
@@ -105,10 +120,10 @@ class SimulatedSource:
         self._part: Truth | None = None
 
     def power_up(self, rng: np.random.Generator, true_s_per_clock_s: float) -> Truth:
-        """Begin a boot: draw motion and sensor errors from rng; return the sensor's true parameters.
+        """Start a boot: draw motion and sensor errors from rng, and return the true parameters of the sensor.
 
-        Errors that belong to the part stay those of the first boot. true_s_per_clock_s: true seconds per second of the
-        device's clock.
+        true_s_per_clock_s: true seconds per second of the device's clock. Errors that belong to the part are drawn at
+        the first boot only.
         """
         self.sensor = self._usual
         self._motion = self._script(rng)
@@ -120,13 +135,13 @@ class SimulatedSource:
         return self._imperfection.truth
 
     def pace(self, rate_hz: float) -> None:
-        """Set the sample rate, Hz, from the next read until the next power-up."""
+        """Set the output data rate, Hz, from the next read until the next power-up."""
         self._ticks, self._sent = self._ticks + self._sent * (_TICKS_PER_S / self.sensor.rate_hz), 0
         self.sensor = replace(self.sensor, rate_hz=rate_hz)
         self._imperfection.pace(rate_hz / self._usual.rate_hz)
 
     def read(self) -> Samples:
-        """Return the next second of samples, with their truth."""
+        """Return the next second of samples, with their true values."""
         block = max(1, round(self.sensor.rate_hz * _BLOCK_S))
         number = np.arange(self._sent + 1, self._sent + block + 1)
         self._sent += block

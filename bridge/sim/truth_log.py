@@ -1,4 +1,4 @@
-"""Stores the truth of sent samples, by boot and sequence number, up to a limit of samples."""
+"""Log of the true values of sent samples, by boot and sequence number, up to a number of samples."""
 
 from collections import deque
 from threading import Lock
@@ -12,7 +12,7 @@ _BOOTS_KEPT = 64
 
 
 class TruthLog:
-    """Keeps the truth of the last `limit` samples of a device, by boot and sequence number, to judge estimates.
+    """Log of a device's true values, to judge estimates: the last `limit` samples, by boot and sequence number.
 
     May be used from any thread.
     """
@@ -25,7 +25,7 @@ class TruthLog:
         self._boots: dict[int, Truth] = {}
 
     def begin(self, boot: int, truth: Truth | None) -> None:
-        """Store the true sensor parameters of a new boot; None if unknown."""
+        """Store the true sensor parameters of a new boot; None stores nothing. boot: 64-bit boot number."""
         with self._lock:
             if truth is not None:
                 self._boots[boot] = truth
@@ -33,7 +33,10 @@ class TruthLog:
                 del self._boots[next(iter(self._boots))]
 
     def add(self, boot: int, sequence: int, truth: TrueSamples) -> None:
-        """Store the truth of consecutive samples, the first numbered `sequence` since boot (not wrapped)."""
+        """Store the true values of consecutive samples of a boot.
+
+        sequence: number of the first sample since boot, from 0, not wrapped.
+        """
         with self._lock:
             self._blocks.append((boot, sequence, truth))
             self._held += len(truth.rate)
@@ -46,9 +49,9 @@ class TruthLog:
             return self._boots[boot]
 
     def between(self, boot: int, first: int, last: int) -> TrueSamples:
-        """Return the truth of samples first to last of a boot, both included.
+        """Return the true values of samples `first` to `last` of a boot, both included, by sequence number.
 
-        Raises LookupError if any of them is not held (any more).
+        Raises LookupError if the log does not have all of them.
         """
         with self._lock:
             blocks = [

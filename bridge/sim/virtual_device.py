@@ -1,7 +1,8 @@
 """Virtual device that speaks the native serial protocol. Pure: no I/O, and time is an argument.
 
-At power-up: a new boot number, 0.3 s of silence, HELLO, then DATA about every 20 ms; HELLO each second and when asked.
-A rate command takes effect within a second and lasts until power is lost.
+At power-up, the device draws a new boot number and is silent for 0.3 s. Then it sends HELLO, and DATA about every
+20 ms. HELLO is repeated each second and on request. A rate command takes effect at the next `advance` and lasts until
+power is lost.
 """
 
 import zlib
@@ -42,12 +43,12 @@ _PACKET_S = 0.02
 class DeviceSpec:
     """Properties of a virtual device, apart from its sensor.
 
-    silence_s: seconds from power-up to the first HELLO.
-    skew_ppm: how fast its oscillator runs, which times both samples and ticks.
+    model, firmware: names that the device reports. silence_s: time from power-up to the first HELLO, s.
+    skew_ppm: frequency error of the oscillator that times samples and ticks; positive is fast.
     first_tick: tick counter at power-up.
-    wait_for_host: send HELLO but no DATA until the first IDENTIFY ever, so that a replay loses nothing.
-    truth_s: seconds of truth to keep.
-    battery_s: seconds that a full battery lasts; 0: the device says nothing of its battery.
+    wait_for_host: send HELLO but no DATA until the host first sends IDENTIFY, so that a replay loses no sample.
+    truth_s: duration for which true values are stored, s.
+    battery_s: time in which a full battery empties, s; 0 for a device that reports no battery.
     """
 
     model: str = "truerate-virtual"
@@ -76,10 +77,11 @@ class _Boot:
 
 
 class VirtualDevice:
-    """A virtual device that speaks the native serial protocol: bytes in, and by `advance` bytes out.
+    """Virtual device that speaks the native serial protocol: `receive` takes bytes, `advance` returns bytes.
 
-    Call advance and receive from one thread; power switches and truth may be used from any thread.
-    The seed and the name decide everything, including boot numbers unless draw_boot draws them.
+    Call `advance` and `receive` from one thread; power switches and `truth` may be used from any thread.
+    name, seed: decide all random values together. draw_boot: draws boot numbers instead; None for the seed's.
+    source: the samples. spec: None for DeviceSpec().
     """
 
     def __init__(
@@ -118,25 +120,28 @@ class VirtualDevice:
         return self._now is not None and self._now.ended and not self._now.ready
 
     def reboot(self) -> None:
-        """Switch the device off and on again, at the next advance."""
+        """Switch the device off and on again at the next `advance`."""
         self._switches.extend([False, True])
 
     def power_off(self) -> None:
-        """Switch the device off, at the next advance: it falls silent."""
+        """Switch the device off at the next `advance`; the device sends nothing while off."""
         self._switches.append(False)
 
     def power_on(self) -> None:
-        """Switch the device on, at the next advance: it boots; does nothing if on."""
+        """Switch the device on at the next `advance`, which starts a boot; does nothing if on."""
         self._switches.append(True)
 
     def calibrates_itself(self, scale: Array, bias: Array) -> None:
-        """Let the device send a calibration of its own with each HELLO of this boot: scale (3,), bias (3,) rad/s."""
+        """Let the device send a calibration that it made itself, with each HELLO of this boot.
+
+        scale (3,): without unit. bias (3,): rad/s. Does nothing while the device is off.
+        """
         if self._now is not None:
             now = self._now
             now.own = DeviceCalibration(now.number, now.sent & _MASK_32, tuple(scale.tolist()), tuple(bias.tolist()))
 
     def receive(self, data: bytes) -> None:
-        """Take bytes from the host, such as identify and rate commands; answers follow at the next advance."""
+        """Process bytes from the host, such as identify and rate commands; the next `advance` returns the answers."""
         for payload in self._deframer.feed(data):
             if payload == encode_identify():
                 self._asked = self._host_seen = True
@@ -144,9 +149,9 @@ class VirtualDevice:
                 self._rate_hz = rate_hz
 
     def advance(self, time_s: float) -> bytes:
-        """Run the device until time_s, and return the bytes it sent meanwhile.
+        """Run the device until time_s, and return the bytes that it sent since the last call.
 
-        time_s: true seconds since the device was made; never less than before.
+        time_s: true time since the device was made, s; never less than before.
         """
         while self._switches:
             self._switch(on=self._switches.popleft())
@@ -267,8 +272,9 @@ def demo_device(
     draw_boot: Callable[[], int] | None = None,
     script: Callable[[np.random.Generator], Life] = demo_script,
 ) -> VirtualDevice:
-    """Make a virtual device that rests 2 s at every boot, is calibrated by hand within 30 s, and is then worn forever.
+    """Make a virtual device that rests for 2 s at each boot, is calibrated by hand within 30 s, then is worn forever.
 
-    imu: errors of its sensor. rate_hz: output data rate. script: makes the motion of a boot instead of demo_script.
+    name, seed, spec, draw_boot: as in VirtualDevice. imu: error limits of the sensor. rate_hz: output data rate.
+    script: makes the motion of a boot from a random generator, instead of demo_script.
     """
     return VirtualDevice(name, SimulatedSource(script, imu, rate_hz), seed, spec, draw_boot)

@@ -1,4 +1,4 @@
-"""Motion of a device on a ward: put down, calibrated by hand, then worn for hours, as in body.py."""
+"""Motion of a device on a ward: put down, calibrated by hand, then worn without end by a wearer of wearer.py."""
 
 from collections.abc import Callable
 from typing import Protocol
@@ -13,19 +13,20 @@ from bridge.sim.wearer import Wearer
 
 
 class Life(Protocol):
-    """Motion on demand: gives the truth at any times, in order, as Motion.advance does."""
+    """Contract of a motion that is computed on demand, at rising times, such as Motion and Body."""
 
     def advance(self, time_s: Array) -> TrueMotion:
-        """Return the true motion at times (n,) in s, n ≥ 1, rising and later than all before.
+        """Return the true motion at times (n,), s since the start of the motion.
 
-        The first call's first interval begins at 0.
+        Times must be rising, later than those of all calls before, and n ≥ 1. The first interval begins at 0.
         """
 
 
 class Then:
-    """Motion that follows `first` until end_s, seconds since its begin, and then a second motion.
+    """Sequence of two motions: `first` until end_s, s since its start, then a second motion.
 
-    `first` must be at rest at end_s. make: makes the second motion from the attitude (4,) wxyz at the last sample of the first.
+    `first` must be at rest at end_s. make: makes the second motion from an attitude (4,), quaternion wxyz, sensor to
+    earth. That attitude is the one of the last sample of `first`.
     """
 
     def __init__(self, first: Life, end_s: float, make: Callable[[Array], Life]) -> None:
@@ -34,7 +35,10 @@ class Then:
         self._attitude: Array = np.array([1.0, 0.0, 0.0, 0.0])
 
     def advance(self, time_s: Array) -> TrueMotion:
-        """Return the true motion at times (n,) in s, n ≥ 1, rising and later than all before."""
+        """Return the true motion at times (n,), s since the start of the first motion.
+
+        Times must be rising, later than those of all calls before, and n ≥ 1.
+        """
         upto = int(np.searchsorted(time_s, self._end_s, side="right"))
         parts = [self._lived(time_s[:upto])] if upto else []
         if upto < len(time_s):
@@ -51,7 +55,7 @@ class Then:
 
 
 def ward_script(rng: np.random.Generator, rest_s: float = 2.0) -> Life:
-    """Draw the motion of a device on a ward: put down for rest_s, calibrated within 30 s, then worn, without end."""
+    """Draw the motion of a device on a ward: at rest for rest_s, then calibrated within 30 s, then worn without end."""
     plan = SessionPlan(turn_s=(3.5, 5.0), wobble_deg=2.0, tilt_deg=3.0, replacement_deg=0.2)
     pieces = [Still(rest_s), *session(rng, plan)]
     first = Motion(pieces, flat(rng))

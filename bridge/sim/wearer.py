@@ -1,4 +1,4 @@
-"""A wearer's activities on a ward, drawn from a seed, without end: lying and breathing, sitting, walking, being moved.
+"""Activities of a simulated wearer on a ward, drawn without end: lying, sleeping, sitting, walking, being pushed.
 
 Angles of this module are in °; the stretches made from them are in rad.
 """
@@ -16,7 +16,7 @@ _BLOCKS = {"lie": 0.28, "sleep": 0.14, "sit": 0.26, "walk": 0.22, "pushed": 0.05
 
 
 class Wearer:
-    """One wearer with one device at one place of the body; makes stretches of activity, drawn from rng."""
+    """Simulated wearer with one device at one place of the body; draws stretches of activity from rng."""
 
     def __init__(self, rng: np.random.Generator) -> None:
         self._rng = rng
@@ -34,21 +34,21 @@ class Wearer:
         }
 
     def life(self) -> Iterator[Stretch]:
-        """Yield activities without end: a minute on the table, then worn."""
+        """Yield stretches of activity without end: a minute on the table, then worn."""
         yield self.table(_MINUTE)
         yield self._handled()
         while True:
             yield from self._blocks[str(self._rng.choice(list(_BLOCKS), p=list(_BLOCKS.values())))]()
 
     def table(self, duration_s: float) -> Stretch:
-        """Draw a stretch of lying on a table, not worn: still except for vibrations of the building."""
+        """Draw a stretch of lying on a table for duration_s, not worn; the building's vibrations move the device."""
         return Stretch(Activity.TABLE, duration_s, ticks=self._passers_by(duration_s, 0.3))
 
     def turned(self, rate_dps: float, duration_s: float, *, breath: float = 1.0, ramp_s: float = 1.0) -> Stretch:
-        """Draw a stretch in a bed or chair that is turned evenly about the vertical, with the rattle of its wheels.
+        """Draw a stretch in a bed or chair that turns about the vertical at a constant rate, with rattling wheels.
 
-        rate_dps: °/s, signed. breath: depth of breathing, 1 as when awake, 0 for none. ramp_s: seconds to reach the
-        rate.
+        rate_dps: rate, °/s; positive is counter-clockwise seen from above. breath: depth of breathing relative to an
+        awake wearer, 0 for none. ramp_s: time to reach the rate, s.
         """
         goes = np.array([[0.0, duration_s, np.radians(rate_dps) * (duration_s - ramp_s), ramp_s]])
         sway = [self._rattle(np.radians(0.2)), *([self._breathing(breath)] if breath else [])]
@@ -57,9 +57,10 @@ class Wearer:
         return Stretch(Activity.SLOW_TURN, duration_s, goes=goes, sway=tuple(sway), bounce=shaken, ticks=ticks)
 
     def quiet(self, activity: Activity, duration_s: float, *, breath: float, restless_deg: float = 0.0) -> Stretch:
-        """Draw a stretch of keeping still, except for breathing and an unsteady hand.
+        """Draw a stretch of keeping still for duration_s, with breathing and an unsteady hand.
 
-        breath: depth of breathing, 1 as when awake. restless_deg: amplitude of the hand's unsteadiness, °.
+        activity: label of the stretch. breath: depth of breathing relative to an awake wearer.
+        restless_deg: amplitude of the hand's unsteadiness, °.
         """
         sway = [self._breathing(breath * self._rng.uniform(0.6, 1.4))]
         if restless_deg:
@@ -69,7 +70,7 @@ class Wearer:
         return Stretch(activity, duration_s, sway=tuple(sway), fade_s=3.0, ticks=self._passers_by(duration_s, 1.0))
 
     def moved(self, duration_s: float, size_deg: float, activity: Activity = Activity.MOVING) -> Stretch:
-        """Return a stretch of duration_s of free movement about all axes, to a random pose about size_deg away."""
+        """Draw a stretch of free movement for duration_s about all axes, to a random pose about size_deg away."""
         pose = np.radians(size_deg) * self._rng.normal(size=3) / 2
         f = self._rng.uniform(0.3, 1.2, 3)
         sway = Waves(0.1 * np.radians(size_deg) * self._rng.normal(size=(3, 3)) / f[:, None], f, self._phases(3), f)
@@ -114,12 +115,12 @@ class Wearer:
             yield from self.leg_and_pause()
 
     def leg_and_pause(self) -> Iterator[Stretch]:
-        """Yield a stretch of walking, of ten seconds to two minutes, then one of standing for some seconds."""
+        """Draw a stretch of walking for 10 to 120 s, then one of standing for 2 to 15 s."""
         yield self.leg(self._rng.uniform(10, 120))
         yield self.quiet(Activity.SITTING, self._rng.uniform(2, 15), breath=0.4, restless_deg=0.4)
 
     def leg(self, duration_s: float) -> Stretch:
-        """Draw a stretch of walking at an even speed, with corners."""
+        """Draw a stretch of walking for duration_s at a constant speed, with turns at corners."""
         f, rng = self._stride_hz * self._rng.uniform(0.9, 1.1), self._rng
         times = np.array([1.0, 2.0, 1.0, 3.0])
         share = np.array([1.0, 0.3, 0.35, 0.15])[:, None]

@@ -1,4 +1,4 @@
-"""Text devices: a TOML profile describes a device's lines, and the lines become readings.
+"""Reader of devices that print text lines: a TOML profile describes the lines, and lines become readings.
 
-Begin at `profile`; `line_parser` turns one line into numbers or refuses it with a reason.
+Begin at `profile`; `line_parser` converts one line to numbers, or refuses it with a reason.
 """

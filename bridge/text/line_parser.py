@@ -1,4 +1,7 @@
-"""Parses one line of a device into numbers, or refuses it with a reason; nothing is guessed."""
+"""Parser of one text line of a device: converts the line to a sample in SI units, or refuses it with a reason.
+
+A value that cannot be read is never guessed.
+"""
 
 import math
 import re
@@ -18,10 +21,11 @@ _WHOLE = re.compile(r"([0-9]+)(?:\.0*)?")
 
 
 class Row(NamedTuple):
-    """One sample parsed from a line, in SI units.
+    """Sample parsed from one text line, in SI units; None stands for a quantity that was not measured.
 
-    tick: count of the device's clock in the profile's time unit; microseconds for a decimal time; 0 without a clock.
-    gyro (x, y, z): rad/s. accel (x, y, z): m/s². battery_percent: 0 to 100. None stands for a quantity not measured.
+    tick: count of the device's clock, in the profile's time unit. A decimal time is counted in µs; without a clock the
+    count is 0. gyro (3,): x, y, z rates, rad/s, sensor axes. accel (3,): x, y, z, m/s², sensor axes.
+    temperature_c: °C. battery_percent: 0 to 100.
     """
 
     tick: int
@@ -49,7 +53,7 @@ class Refused(NamedTuple):
 
 
 class Conversion:
-    """Converts the texts of a row's columns to a sample in SI units, by the units and scales of a profile."""
+    """Conversion of a row's texts to a sample in SI units, by the units and scales of a profile."""
 
     def __init__(self, profile: Profile) -> None:
         self._profile, accel = profile, profile.accel
@@ -58,9 +62,10 @@ class Conversion:
         self._accel = None if accel is None else _Three(accel.columns, *map(float, accel.factor))
 
     def row(self, texts: Mapping[str, str]) -> Row | Refused:
-        """Convert a row's texts, by column name, to a sample; a refusal if a text is not a number or not a time.
+        """Convert a row's texts, by column name, to a sample.
 
-        The gyro's three columns must be there. Other missing columns count as not measured.
+        texts: the gyro's three columns are required; other missing columns count as not measured. The result is Refused
+        if a text is not a number or not a time.
         """
         time, temperature, battery = self._profile.time, self._profile.temperature, self._profile.battery
         accel = self._accel
@@ -98,10 +103,10 @@ class _Three(NamedTuple):
 
 
 class CsvReader:
-    """Parser of rows of columns, named by the profile or by the latest header row.
+    """Parser of lines that are rows of columns; the columns are named by the profile or by the latest header row.
 
-    has_clock: whether rows have a time; None until that is known.
     needs_clock: refuse a header row without the profile's time column, because the rate would be unknown.
+    has_clock: True if rows have a time; None until that is known.
     """
 
     def __init__(self, profile: Profile, *, needs_clock: bool) -> None:
@@ -115,9 +120,9 @@ class CsvReader:
         self.has_clock = profile.time is not None if self._names else None
 
     def read(self, line: str) -> Row | Header | Refused:
-        """Parse one line: a row of numbers to a sample, a row of column names to a Header, anything else to a refusal.
+        """Parse one line: a row of numbers to a Row, a row of column names to a Header, any other line to Refused.
 
-        A header row sets the order of the columns from then on.
+        A header row sets the order of the columns for the following rows.
         """
         if not line.startswith(self._csv.prefix):
             return Refused(NO_MATCH, f"the line does not begin with {self._csv.prefix!r}")
@@ -152,7 +157,10 @@ class CsvReader:
 
 
 class RegexReader:
-    """Parser of lines that match the profile's pattern as a whole; the pattern's named groups are the columns."""
+    """Parser of lines that match the profile's pattern as a whole; the pattern's named groups are the columns.
+
+    has_clock: True if the profile has a time column.
+    """
 
     def __init__(self, profile: Profile) -> None:
         assert profile.regex is not None
@@ -162,9 +170,9 @@ class RegexReader:
         self._always = {*profile.gyro.columns} | ({profile.time.column} if profile.time else set())
 
     def read(self, line: str) -> Row | Header | Refused:
-        """Parse one line to a sample.
+        """Parse one line to a Row.
 
-        The result is a refusal if the line does not match, lacks a gyro or time column, or has a bad number.
+        The result is Refused if the line does not match, lacks a gyro or time column, or has an invalid number.
         """
         match = self._pattern.fullmatch(line)
         if match is None:

@@ -1,34 +1,34 @@
-"""Text profiles: TOML descriptions of what a device prints, one file per kind of device.
+"""Text profiles: TOML descriptions of the lines that a device prints, one file for each kind of device.
 
     summary = "a word for people"
-    baud = 115200                     # of the port, unless the ward's file gives another
-    decimal = ","                     # decimal mark of the numbers; "." if left out
+    baud = 115200                     # bits per second of the port, unless the ward's file states another rate
+    decimal = ","                     # decimal mark of the numbers; default "."
     banners = ['regular expression']  # a line printed at the start, which means a boot. Named groups model, firmware,
                                       # rate_hz and gyro_range_dps set these properties
     ignore = ['regular expression']   # lines that are neither samples nor faults
     [device]                          model, firmware, gyro_range_dps (0: unknown), rate_hz if there is no clock
-    [csv]                             one of these two:
+    [csv]                             this table or [regex]:
     separator = ","                   #   one character; " " means any blanks
-    columns = ["t", "gx", "gy"]       #   in their order; left out: wait for a header row
+    columns = ["t", "gx", "gy"]       #   names in order; if left out, a header row must come first
     header = true                     #   a row of names, at any time, sets the order
     prefix = "Raw:"                   #   text at the beginning of each row
     [regex]
-    match = '(?P<gx>[-0-9.]+) ...'    #   of a whole line; its named groups are the columns
+    match = '(?P<gx>[-0-9.]+) ...'    #   pattern of a whole line; its named groups are the columns
     [gyro]
     columns = ["gx", "gy", "gz"]      # x, y, z
-    unit = "dps"                      # rad/s, mrad/s, dps, mdps, or counts with sensitivity_mdps, of one count
-    scale = 1.0                       # factor; a list of three for axes that differ, or point the other way
-    [accel]                           the same; m/s2, g, mg, or counts with sensitivity_mg. May be left out
-    [temperature]                     column, scale, offset_c: °C = scale * value + offset_c. May be left out
-    [battery]                         column, scale: % = scale * value, kept within 0 to 100. May be left out
-    [time]                            column, unit (s, ms, us, ns), bits. May be left out if rate_hz is known
-    [[known_scale_faults]]            factor, cause, gyro_range_dps: the true rate is `factor` times the printed one
+    unit = "dps"                      # rad/s, mrad/s, dps, mdps; or counts, with sensitivity_mdps (m°/s per count)
+    scale = 1.0                       # additional factor; a list of three if axes differ or point the other way
+    [accel]                           the same; m/s2, g, mg; or counts, with sensitivity_mg (mg per count). Optional
+    [temperature]                     column, scale, offset_c: °C = scale * value + offset_c. Optional
+    [battery]                         column, scale: % = scale * value, limited to 0 to 100. Optional
+    [time]                            column, unit (s, ms, us, ns), bits. Optional if rate_hz is known
+    [[known_scale_faults]]            factor, cause, gyro_range_dps: the true rate is `factor` times the printed rate
     [notices]                         name = "what a person should know of this device"
 
-bits: the time is a whole number that wraps at 2**bits (default for ms and us: 32, for ns: 64);
-0: a decimal that never wraps.
-Lines are matched whole, without surrounding blanks; a banner may follow a line cut off by a restart. The profiles
-shipped with truerate are in configs/profiles, or in the installed package.
+bits: the time is a whole number that wraps at 2**bits (default for ms and us: 32, for ns: 64); 0 means a decimal
+number that never wraps.
+A pattern must match a whole line, without surrounding blanks; a banner may also follow an incomplete line that a
+restart interrupted. The profiles shipped with truerate are in configs/profiles, or in the installed package.
 """
 
 import re
@@ -56,9 +56,10 @@ NUMBER: Final = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+
 
 
 class Device(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Table [device] of a profile: properties that the device's lines do not tell. Raises ValueError if out of range.
+    """Table [device] of a profile: properties that the device's lines do not state.
 
-    gyro_range_dps: full-scale range, °/s; 0 if unknown. rate_hz: output data rate, Hz; 0 if the lines carry a time.
+    gyro_range_dps: full-scale range, °/s; 0 if unknown. rate_hz: output data rate, Hz; 0 if the lines have a time.
+    Raises ValueError for an empty model name, and for a number out of range.
     """
 
     model: str
@@ -76,9 +77,9 @@ class Device(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 class Csv(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Table [csv] of a profile: how a line splits into columns.
 
+    separator: one character; " " means any blanks. columns: names in order; empty if a header row names them.
+    header: True if a row of names may come at any time. prefix: text at the beginning of each row, which is removed.
     Raises ValueError if columns or separator cannot be used.
-    separator: one character; " " means any blanks. columns: names in order, empty if a header row gives them.
-    header: a row of names may come at any time. prefix: text at the beginning of each row, which is removed.
     """
 
     separator: str = ","
@@ -99,7 +100,7 @@ class Csv(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
 
 class Regex(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Table [regex] of a profile. match: pattern of a whole line; its named groups are the columns.
+    """Table [regex] of a profile: `match`, the pattern of a whole line, whose named groups are the columns.
 
     Raises ValueError for an invalid pattern, or one without named groups.
     """
@@ -115,10 +116,11 @@ Axes = float | tuple[float, float, float]
 
 
 class Gyro(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Table [gyro] of a profile: the columns with the rates about x, y, z, and their unit.
+    """Table [gyro] of a profile: columns and unit of the angular rates about x, y and z.
 
-    scale: further factor, one for all axes or one per axis. sensitivity_mdps: value of one count in m°/s, if unit is
-    `counts`. Raises ValueError for an unknown unit, and for a scale or sensitivity out of range.
+    columns: names of the x, y, z columns. unit: one of units.GYRO, or `counts`. scale: additional factor without unit,
+    one for all axes or one per axis. sensitivity_mdps: m°/s per count, for the unit `counts`.
+    Raises ValueError for an unknown unit, and for a scale or sensitivity out of range.
     """
 
     columns: tuple[str, str, str]
@@ -138,10 +140,11 @@ class Gyro(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
 
 class Accel(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Table [accel] of a profile: the columns with the accelerations along x, y, z, and their unit.
+    """Table [accel] of a profile: columns and unit of the accelerations along x, y and z.
 
-    scale: further factor, one for all axes or one per axis. sensitivity_mg: value of one count in mg, if unit is
-    `counts`. Raises ValueError for an unknown unit, and for a scale or sensitivity out of range.
+    columns: names of the x, y, z columns. unit: one of units.ACCEL, or `counts`. scale: additional factor without unit,
+    one for all axes or one per axis. sensitivity_mg: thousandths of g per count, for the unit `counts`.
+    Raises ValueError for an unknown unit, and for a scale or sensitivity out of range.
     """
 
     columns: tuple[str, str, str]
@@ -161,7 +164,10 @@ class Accel(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
 
 class Temperature(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Table [temperature] of a profile: °C = scale * value + offset_c, where value is the number in `column`."""
+    """Table [temperature] of a profile: °C = scale * value + offset_c, where value is the number in `column`.
+
+    Raises ValueError for a scale or offset out of range.
+    """
 
     column: str
     scale: float = 1.0
@@ -173,7 +179,10 @@ class Temperature(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True)
 
 
 class Battery(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Table [battery] of a profile: charge in % = scale * value, where value is the number in `column`."""
+    """Table [battery] of a profile: charge in % = scale * value, where value is the number in `column`.
+
+    Raises ValueError for a scale out of range.
+    """
 
     column: str
     scale: float = 1.0
@@ -183,10 +192,11 @@ class Battery(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
 
 class Time(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Table [time] of a profile: the column with the device's own clock.
+    """Table [time] of a profile: column and unit of the device's own clock.
 
-    unit: of one count: s, ms, us or ns. bits: the count wraps at 2**bits; 0: a decimal that never wraps; None: see
-    `width`.
+    unit: unit of one count: s, ms, us or ns. bits: the count wraps at 2**bits; 0 for a decimal number that never wraps;
+    None for the default that `width` gives.
+    Raises ValueError for an unknown unit, and for bits out of range.
     """
 
     column: str
@@ -201,18 +211,18 @@ class Time(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
     @property
     def width(self) -> int:
-        """Number of bits at which the time wraps; 0 for a decimal that never wraps.
+        """Number of bits after which the clock's count wraps; 0 for a decimal number that never wraps.
 
-        If `bits` is not given: 0 for seconds, 32 for ms and us, 64 for ns.
+        The default is 0 for seconds, 32 for ms and us, and 64 for ns.
         """
         return {"s": 0, "ns": 64}.get(self.unit, 32) if self.bits is None else self.bits
 
 
 class ScaleFault(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Table [[known_scale_faults]] of a profile: a known scale error in the software of such devices.
+    """Table [[known_scale_faults]] of a profile: a known scale error in the software of one kind of device.
 
-    factor: true rate divided by printed rate, 0.1 to 10. gyro_range_dps: full-scale range in °/s at which the error
-    occurs; 0: any.
+    factor: true rate divided by printed rate, 0.1 to 10. cause: reason, for the user. gyro_range_dps: full-scale range
+    at which the error occurs, °/s; 0 for any. Raises ValueError for a factor out of range.
     """
 
     factor: float
@@ -224,18 +234,18 @@ class ScaleFault(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
     @property
     def said(self) -> Sentence:
-        """Sentence for the user about the fault.
+        """Message to the user about the scale error.
 
-        The sentence states by how many percent the device reads low or high, why, and the scale that corrects it.
+        The message states by how many percent the device reads low or high, the cause, and the factor that corrects it.
         """
         code = Code.READS_LOW if self.factor > 1 else Code.READS_HIGH
         return code(percent=f"{100 * abs(1 - 1 / self.factor):.1f}", cause=self.cause, scale=f"{self.factor:g}")
 
 
 class Profile(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A whole profile file: how to read the lines of one kind of device. The module's docstring explains every key.
+    """Text profile of one kind of device: how to read its lines. The module's docstring explains every key.
 
-    Raises ValueError if tables or columns contradict each other.
+    Raises ValueError if a value is invalid, or if tables or columns contradict each other.
     """
 
     summary: str
@@ -275,9 +285,9 @@ class Profile(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """Names of the columns, in order: of [csv], or the named groups of [regex].
+        """Names of the columns: those of [csv] in order, or the named groups of [regex].
 
-        Empty if only a header row names them.
+        Empty if only a header row names the columns.
         """
         if self.csv is not None:
             return self.csv.columns
@@ -285,7 +295,7 @@ class Profile(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
     @property
     def needed(self) -> tuple[tuple[str, str], ...]:
-        """Every column that the profile reads, as pairs (column, table), such as ("gx", "gyro")."""
+        """Columns that the profile reads, as pairs (column, table), such as ("gx", "gyro")."""
         vectors = [("gyro", self.gyro.columns), *([("accel", self.accel.columns)] if self.accel else [])]
         single = [("temperature", self.temperature), ("battery", self.battery), ("time", self.time)]
         return (
@@ -306,7 +316,7 @@ class Profile(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
 
 def load_profile(name: str | Path) -> Profile:
-    """Load a text profile: one shipped with truerate by its name, any other by the path of its .toml file.
+    """Load a text profile: one shipped with truerate by its name, or any other by the path of its .toml file.
 
     Raises ConfigError for an unknown name or an invalid file.
     """

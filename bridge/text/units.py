@@ -1,4 +1,4 @@
-"""Units as people write them, with their factors to rad/s, m/s² and s."""
+"""Units of rates, accelerations and times: spellings that people use, and factors to rad/s, m/s² and s."""
 
 import re
 from collections.abc import Mapping
@@ -53,7 +53,7 @@ _SHORT = {
 
 
 def spelling(text: str) -> str:
-    """Return the standard spelling of a unit: `°/s`, `deg_s` and `dps` are all deg/s.
+    """Return the standard spelling of a unit; `°/s`, `deg_s` and `dps` all give deg/s.
 
     An unknown unit is returned in lower case, without blanks and brackets.
     """
@@ -64,8 +64,8 @@ def spelling(text: str) -> str:
 
 
 def unit_in(text: str, known: Mapping[str, float]) -> float | None:
-    """Return a unit's factor to SI, in whatever spelling; None if the unit is not in `known`.
+    """Return the factor from a unit to SI; None if the unit is not in `known`.
 
-    known: factors to SI by standard spelling: GYRO, ACCEL, TICKS or TIME.
+    text: the unit, in any spelling. known: factors to SI by standard spelling: GYRO, ACCEL, TICKS or TIME.
     """
     return known.get(spelling(text))

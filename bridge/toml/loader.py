@@ -1,7 +1,8 @@
-"""Loads a TOML file as a frozen, typed object; an error names the file, table, key and nearest valid name.
+"""Loader of a TOML file as a frozen, typed object; an error names the file, table, key and nearest valid name.
 
-The type is a msgspec Struct of Structs that forbid unknown fields. A class that is not a Struct may have a class method
-`from_table`, which takes the table and returns an object, or raises ValueError with a sentence.
+The type is a msgspec Struct of Structs that forbid unknown fields. A field may also have a class that is not a
+Struct but has a class method `from_table`. That method converts the table to an object, or raises ValueError with a
+sentence.
 """
 
 import difflib
@@ -48,13 +49,13 @@ _WORDS = {
 
 
 class ConfigError(Exception):
-    """Invalid configuration: the message names the file, the place in it, and what is accepted."""
+    """Invalid configuration: the message names the file, the place in it, and the accepted values."""
 
 
 def load(path: Path | str, kind: type[T]) -> T:
     """Read a TOML file as an object of type `kind`, a msgspec Struct as the module describes.
 
-    Raises ConfigError, with one line for a person, for a file that is missing, unreadable or invalid.
+    Raises ConfigError, with a one-line message, for a file that is missing, unreadable or invalid.
     """
     try:
         return parsed(content(Path(path)), path, kind)
@@ -89,7 +90,7 @@ def parsed(found: bytes, path: Path | str, kind: type[T]) -> T:
 
 
 def options(table: dict[str, Any], kind: type[T]) -> T:
-    """Convert a TOML table to an object of type `kind`, for use in a class's `from_table`.
+    """Convert a TOML table to an object of type `kind`; for use in the `from_table` of a class.
 
     Raises ValueError with a sentence that names the wrong key.
     """
@@ -100,7 +101,10 @@ def options(table: dict[str, Any], kind: type[T]) -> T:
 
 
 def nearest(name: str, known: Iterable[str]) -> str:
-    """Return a hint for an unknown name: `did you mean 'x'?` with the nearest known name, else all known names."""
+    """Return a hint for an unknown name: `did you mean 'x'?` with the nearest known name, else all known names.
+
+    known: the valid names.
+    """
     names = sorted(known)
     close = difflib.get_close_matches(name, names, n=1, cutoff=0.6)
     if close:

@@ -1,4 +1,4 @@
-"""Finds TOML files: shipped with truerate by name, own files by path."""
+"""Finds TOML files: those shipped with truerate by name, a user's own files by path."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -7,17 +7,18 @@ from bridge.toml.loader import ConfigError, nearest
 
 
 def shipped(folders: Iterable[Path]) -> dict[str, Path]:
-    """Return the paths of the TOML files in these folders, by file name without suffix.
+    """Return the paths of the TOML files in some folders, by file name without suffix.
 
-    The last of equal names counts.
+    If folders have files of the same name, the last one is returned.
     """
     return {path.stem: path for folder in folders for path in sorted(folder.glob("*.toml"))}
 
 
 def file_of(name: str | Path, what: str, folders: Iterable[Path]) -> Path:
-    """Return the path of a shipped file by its name, or an own file's path if `name` ends in .toml.
+    """Return the path of a shipped TOML file by its name; a name that ends in .toml is returned as a path.
 
-    The own file need not exist. what: kind of file, for the error message. Raises ConfigError for an unknown name.
+    folders: where the shipped files are. what: kind of file, for the error message. The existence of a file given by
+    path is not checked. Raises ConfigError for an unknown name.
     """
     path = Path(name)
     if path.suffix == ".toml":

@@ -1,5 +1,6 @@
-"""Byte transports: serial, TCP, UDP, BLE and files; one kind a file.
+"""Byte transports of devices: serial, TCP, UDP, BLE and files, a module for each kind.
 
-A transport gives bytes with their receive time and raises `errors.DeviceUnavailable` or `errors.DeviceLost`, nothing else.
+A transport returns bytes with their receive time. Its only errors are `errors.DeviceUnavailable` and
+`errors.DeviceLost`.
 Begin at `transport` (the contract) and `address` (which transport an address names).
 """

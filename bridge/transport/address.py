@@ -1,4 +1,4 @@
-"""Device addresses: a serial port by its path, any other transport as `scheme://...`."""
+"""Transports by device address: a serial port is named by its path, any other transport by `scheme://...`."""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -13,11 +13,11 @@ from bridge.transport.udp_port import UdpPort
 
 
 class Scheme(NamedTuple):
-    """One kind of transport, chosen by the scheme of a device's address, such as `tcp`.
+    """Kind of transport, chosen by the scheme of a device's address, such as `tcp`.
 
-    make(address, baud): the transport. state(address): its state in a few words, without opening. address: the part
-    behind `scheme://`.
-    make and state raise ValueError with what is expected if the address is invalid.
+    make(address, baud): returns the transport, not yet open. state(address): returns the state of the address in a few
+    words. address: the part behind `scheme://`, or the path of a serial port. baud: bits per second.
+    Both functions raise ValueError with the expected form if the address is invalid.
     """
 
     make: Callable[[str, int], Transport]
@@ -40,22 +40,30 @@ SCHEMES: dict[str, Scheme] = {
 
 
 def transport(port: str, baud: int) -> Transport:
-    """Make the transport of a device's address, not yet open. Raises ValueError for an invalid address.
+    """Make the transport of a device's address, not yet open.
 
     port: path of a serial port, or `scheme://...`. baud: bits per second of a serial port.
+    Raises ValueError for an invalid address.
     """
     scheme, address = _split(port)
     return scheme.make(address, baud)
 
 
 def state(port: str) -> str:
-    """Say in a few words whether a device's address could be opened now (`present` if so), without opening it."""
+    """Return the state of a device's address in a few words; no data is exchanged with the device.
+
+    The state is `present` (for UDP `free`) if the address could be opened now. A BLE device is not searched for.
+    port: path of a serial port, or `scheme://...`. Raises ValueError for an invalid address.
+    """
     scheme, address = _split(port)
     return scheme.state(address)
 
 
 def check(port: str, baud: int) -> None:
-    """Check a device's address and a baud rate (300 to 4000000); raises ValueError with what is expected if invalid."""
+    """Check a device's address and a baud rate, 300 to 4000000 bits per second.
+
+    port: path of a serial port, or `scheme://...`. Raises ValueError, with the expected form, if either is invalid.
+    """
     if not port:
         raise ValueError("port is empty: name one; `truerate bridge scan` lists the connected devices")
     if not 300 <= baud <= 4_000_000:

@@ -1,4 +1,4 @@
-"""BLE transport of several characteristics of one device: each value is a frame, so that bytes stay bytes."""
+"""BLE transport for a device with several characteristics: a codec frames each value in one byte stream."""
 
 from collections.abc import Callable, Coroutine, Mapping, Sequence
 from functools import partial
@@ -10,10 +10,10 @@ from bridge.transport.inbox import Inbox
 
 
 class Codec(NamedTuple):
-    """Functions that turn values of BLE characteristics into frames of a byte stream, and back.
+    """Pair of functions that convert values of BLE characteristics to frames of a byte stream, and back.
 
-    encode: frame of a characteristic's number and value. decode: numbers and values of frames; an empty value is a
-    read.
+    encode(number, value): returns the frame of one value; number identifies the characteristic.
+    decode(frames): returns pairs (number, value). A pair with an empty value requests to read that characteristic.
     """
 
     encode: Callable[[int, bytes], bytes]
@@ -21,11 +21,11 @@ class Codec(NamedTuple):
 
 
 class GattPort(BleLink):
-    """BLE transport of several characteristics of one device; the bytes read and written are frames of the codec.
+    """BLE transport for a device with several characteristics; the bytes read and written are frames of the codec.
 
-    port: `ble://address`. example: a port for error texts. uuid: returns the full identifier of a characteristic's
-    number.
-    notify: numbers of the characteristics to listen to.
+    port: `ble://address`. example: a valid port, for error messages. uuid(number): returns the full identifier of a
+    characteristic. notify: numbers of the characteristics whose notifications are read.
+    Raises ValueError for an invalid port, and without the packages of the extra `ble`.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""The one thread for Bluetooth Low Energy, shared by all devices: an asyncio loop, started when needed."""
+"""Thread for Bluetooth Low Energy, shared by all devices: an asyncio loop, started when needed."""
 
 import asyncio
 import threading
@@ -16,9 +16,9 @@ connecting = asyncio.Lock()
 
 
 def run(work: Coroutine[Any, Any, T]) -> Future[T]:
-    """Run a coroutine in the thread for BLE, called from any other thread; return its future.
+    """Run a coroutine in the thread for BLE, and return its future; callable from any other thread.
 
-    Cancelling the future ends it.
+    Cancelling the future cancels the coroutine.
     """
     global _loop  # noqa: PLW0603 - one loop per process
     with _begun:

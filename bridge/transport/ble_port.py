@@ -30,9 +30,10 @@ radio: Callable[[], Radio] = BleakRadio
 
 
 class Place(NamedTuple):
-    """A parsed `ble://` address: Bluetooth address, identifiers of the characteristics to listen to and to write to.
+    """Parsed `ble://` address of a device.
 
-    write: empty if the device is not written to.
+    address: Bluetooth address. notify: identifier of the characteristic whose notifications are read.
+    write: identifier of the characteristic to write to; empty if nothing is written to the device.
     """
 
     address: str
@@ -41,11 +42,10 @@ class Place(NamedTuple):
 
 
 class BleLink:
-    """Transport over one BLE connection.
+    """Transport over one BLE connection; a subclass names the characteristics to listen to and to write to.
 
-    Notifications wait in a bounded inbox; on overflow the oldest are dropped and counted.
-    place: address for people. address: the device's Bluetooth address. A subclass says what to listen to, and how to
-    send.
+    Notifications wait in a bounded inbox. If it is full, the oldest are dropped and counted.
+    place: address for messages. address: the device's Bluetooth address.
     Raises ValueError without the packages of the extra `ble`.
     """
 
@@ -61,7 +61,7 @@ class BleLink:
         self._connection: Connection | None = None
 
     def open(self) -> None:
-        """Connect, after other devices' connection attempts. Raises DeviceUnavailable if that fails."""
+        """Connect to the device, one device at a time. Raises DeviceUnavailable if that fails."""
         self.close()
         inbox = Inbox(_MOST_BYTES)
         with self._lock:
@@ -83,7 +83,7 @@ class BleLink:
     def read(self, timeout_s: float) -> Chunk:
         """Return the received notifications as one chunk, waiting at most timeout_s for the first; empty if none.
 
-        Raises DeviceLost once the connection has ended and all has been read.
+        Raises DeviceLost after the connection has ended and all notifications are read.
         """
         inbox = self._inbox
         if inbox is None:
@@ -96,7 +96,10 @@ class BleLink:
         return joined(heard)
 
     def write(self, data: bytes) -> None:
-        """Send data to the device. Raises DeviceLost if the connection has ended, or sending takes over a second."""
+        """Send data to the device; count the bytes as not sent if the address names no characteristic to write to.
+
+        Raises DeviceLost if the connection has ended, or sending takes over a second.
+        """
         connection, inbox = self._connection, self._inbox
         if connection is None or inbox is None:
             raise DeviceLost(Code.CLOSED(place=self.place))
@@ -137,10 +140,11 @@ class BleLink:
 
 
 class BlePort(BleLink):
-    """BLE transport of one characteristic: its notifications are the bytes read.
+    """BLE transport for a device with one characteristic, whose notifications are the bytes read.
 
-    address: the part behind `ble://`. Data are sent if the address names a characteristic for them, else counted as not
-    sent.
+    address: the part behind `ble://`. baud: ignored, as BLE has none. Written bytes are sent if the address names a
+    characteristic to write to; otherwise they are counted as not sent.
+    Raises ValueError for an invalid address, and without the packages of the extra `ble`.
     """
 
     def __init__(self, address: str, baud: int) -> None:  # noqa: ARG002 - BLE has no baud rate
@@ -155,7 +159,7 @@ class BlePort(BleLink):
 
 
 def parsed(address: str) -> Place:
-    """Parse the part of an address behind `ble://`. Raises ValueError, with an example, if it is invalid."""
+    """Parse the part of a BLE address behind `ble://`. Raises ValueError, with an example, if it is invalid."""
     where, chosen = url.options(address, ("write",), EXAMPLE)
     device, _, characteristic = where.partition("/")
     return Place(
@@ -164,9 +168,9 @@ def parsed(address: str) -> Place:
 
 
 def device_address(text: str, example: str) -> str:
-    """Return a Bluetooth address, such as `C4:64:E3:12:34:56`, in upper case.
+    """Check a Bluetooth address, such as `C4:64:E3:12:34:56`, and return it in upper case.
 
-    Raises ValueError with `example`, a port, if it is not one.
+    example: a valid port, for the error text. Raises ValueError if `text` is not a Bluetooth address.
     """
     if not _ADDRESS.fullmatch(text.upper()):
         raise ValueError(f"{text!r} is not a Bluetooth address: write a port such as {example!r}")
@@ -174,16 +178,16 @@ def device_address(text: str, example: str) -> str:
 
 
 def state(address: str) -> str:
-    """Return a BLE address's state in a few words, without opening it; raises ValueError for an invalid address.
+    """Return a BLE address's state in a few words, without connecting; raises ValueError for an invalid address.
 
-    Whether the device is within reach is unknown before opening.
+    The state does not say whether the device is within reach: that is unknown before connecting.
     """
     parsed(address)
     return reach()
 
 
 def reach() -> str:
-    """Return the state of any BLE device before it is opened, in words: searched for later, or packages missing."""
+    """Return the state of any BLE device before connecting: to be searched for, or packages missing."""
     return "searched for only when opened" if ble_radio.available() else ble_radio.NEEDS
 
 

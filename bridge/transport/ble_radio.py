@@ -1,6 +1,6 @@
-"""Bluetooth Low Energy through bleak and bleak-retry-connector (the extra `ble`); the only file that imports them.
+"""Connections to Bluetooth Low Energy devices, by bleak and bleak-retry-connector (the extra `ble`).
 
-Everything here runs in the thread of `ble_loop`.
+No other module imports these packages. All functions run in the thread of `ble_loop`.
 """
 
 import contextlib
@@ -19,19 +19,19 @@ _PACKAGES: Final = ("bleak", "bleak_retry_connector")
 
 
 class RadioFault(Exception):
-    """A BLE operation failed; holds the code of the reason and its parameters."""
+    """Failed BLE operation, with the code of the reason and its parameters."""
 
     def __init__(self, code: Code, **params: object) -> None:
         super().__init__(code)
         self.code, self.params = code, params
 
     def at(self, place: str) -> Sentence:
-        """Return the reason as a sentence about the device at this place (its address, for people)."""
+        """Return the reason as a sentence for people about one device. place: the device's address."""
         return self.code(place=place, **self.params)
 
 
 class Connection(Protocol):
-    """Connection to one BLE device."""
+    """Contract of a connection to one BLE device."""
 
     async def listen(self, characteristic: str, heard: Callable[[bytes], None]) -> None:
         """Call `heard` with each notification of a characteristic, in order. Raises RadioFault if the device refuses."""
@@ -47,7 +47,7 @@ class Connection(Protocol):
 
 
 class Radio(Protocol):
-    """Makes BLE connections."""
+    """Contract of an object that makes BLE connections."""
 
     async def connect(self, address: str, lost: Callable[[], None]) -> Connection:
         """Connect to the device with this Bluetooth address; `lost` is called when the connection ends for any reason.
@@ -57,19 +57,18 @@ class Radio(Protocol):
 
 
 def available() -> bool:
-    """Return whether the packages of the extra `ble` are installed."""
+    """Return True if the packages of the extra `ble` are installed."""
     return all(importlib.util.find_spec(name) is not None for name in _PACKAGES)
 
 
 class BleakRadio:
-    """Makes BLE connections through the machine's own Bluetooth and BlueZ."""
+    """Maker of BLE connections by the machine's own Bluetooth adapter and BlueZ."""
 
     async def connect(self, address: str, lost: Callable[[], None]) -> Connection:
-        """Connect to a Bluetooth address, after ending a connection that an earlier run left open.
+        """Connect to a BLE device, after ending a connection that an earlier run left open.
 
-        Raises RadioFault if that fails.
-
-        lost: called when the connection ends. Failures that BlueZ reports as transient are tried again.
+        address: Bluetooth address. lost: called when the connection ends for any reason.
+        Failures that BlueZ reports as transient are tried again. Raises RadioFault if no connection can be made.
         """
         import bleak_retry_connector as retrying  # noqa: PLC0415 - optional extra
         from bleak import BleakScanner  # noqa: PLC0415
@@ -131,9 +130,9 @@ def _told() -> Iterator[None]:
 
 
 def no_characteristic(wanted: str, there: Mapping[str, Sequence[str]]) -> RadioFault:
-    """Return the fault for a device that lacks the wanted characteristic; it lists those of the device.
+    """Return the fault for a device that lacks a characteristic; the fault lists the device's characteristics.
 
-    there: properties by identifier of each characteristic.
+    wanted: identifier of the missing one. there: properties of each characteristic, by identifier.
     """
     listed = ", ".join(f"{uuid} ({' '.join(properties)})" for uuid, properties in there.items())
     return RadioFault(Code.BLE_NO_CHARACTERISTIC, wanted=wanted, listed=listed or "none")

@@ -5,9 +5,10 @@ from bridge.reasons.codes import Sentence
 
 
 class DeviceUnavailable(Exception):
-    """The device cannot be opened now; the reason says what was tried and what to do. Opening is retried.
+    """A device cannot be opened now; the caller tries again later.
 
-    reason: sentences. soon: retrying is cheap and disturbs nobody, so the device is tried every 0.1 s.
+    reason: sentences for people: what was tried, and what to do. soon: True if opening is tried again every 0.1 s,
+    because an attempt is cheap and disturbs nobody.
     """
 
     def __init__(self, *reason: Sentence, soon: bool = False) -> None:
@@ -16,9 +17,9 @@ class DeviceUnavailable(Exception):
 
 
 class DeviceLost(Exception):
-    """An open device went away: unplugged, powered off, end of a file. over: it will not come back.
+    """An open device went away: unplugged, powered off, or at the end of a file.
 
-    reason: sentences for people.
+    reason: sentences for people. over: True if the device will not come back.
     """
 
     def __init__(self, *reason: Sentence, over: bool = False) -> None:

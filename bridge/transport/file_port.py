@@ -1,4 +1,4 @@
-"""Transport that plays a capture of a device's bytes as a port: `file:///path?bytes_per_s=...`."""
+"""File transport, which plays a capture of a device's bytes as a port: `file:///path?bytes_per_s=...`."""
 
 import threading
 import time
@@ -20,9 +20,10 @@ _BITS_A_BYTE = 10  # on a serial line: a start bit, eight data bits, a stop bit
 
 
 class FilePort:
-    """Transport that plays the bytes of a file at the pace of a serial line at `baud`, or at `bytes_per_s` if given.
+    """File transport, which plays a file's bytes at the pace of a serial line.
 
-    address: the part behind `file://`. At the end the device is lost for good. Written bytes are discarded.
+    address: the part behind `file://`; its option bytes_per_s sets the pace. baud: bits per second, which sets the pace
+    otherwise. At the end of the file the device is lost for good. Written bytes are discarded.
     """
 
     def __init__(self, address: str, baud: int) -> None:
@@ -35,7 +36,7 @@ class FilePort:
         self._closed = threading.Event()
 
     def open(self) -> None:
-        """Open the file and play it from its beginning. Raises DeviceUnavailable if it cannot be read."""
+        """Open the file and play it from its beginning. Raises DeviceUnavailable if the file cannot be read."""
         self.close()
         if (said := _state(self._path)) != "present":
             raise DeviceUnavailable(Code.PLACE_FAILED(place=self.place, error=said))
@@ -47,9 +48,9 @@ class FilePort:
         self._due, self._then_s = 0.0, time.monotonic()
 
     def read(self, timeout_s: float) -> Chunk:
-        """Return the bytes due since the last read, after a pause of up to 10 ms.
+        """Return the bytes due since the last read, after a pause of timeout_s, at most 10 ms.
 
-        Raises DeviceLost for good at the end of the file.
+        Raises DeviceLost at the end of the file, with `over` True, and if the file is closed or fails.
         """
         self._closed.wait(min(timeout_s, _TURN_S))
         now_s = time.monotonic()
@@ -81,9 +82,9 @@ class FilePort:
 
 
 def parsed(address: str) -> tuple[Path, float]:
-    """Parse the part of an address behind `file://`: path of the file, and pace in bytes per second (0 if not given).
+    """Parse the part of an address behind `file://`: the file's path and the pace, bytes per second (0 if not given).
 
-    Raises ValueError if invalid.
+    Raises ValueError if the address is invalid.
     """
     path, chosen = url.options(address, ("bytes_per_s",), EXAMPLE)
     if not path or "\0" in unquote(path):
@@ -93,7 +94,7 @@ def parsed(address: str) -> tuple[Path, float]:
 
 
 def state(address: str) -> str:
-    """Return in a few words whether the file of an address exists and can be read; `present` if so."""
+    """Return the state of an address's file in a few words; `present` if the file can be read."""
     return _state(parsed(address)[0])
 
 

@@ -1,7 +1,7 @@
-"""Receive times of this host, on a clock that continues evenly when the host's clock is set.
+"""Receive times on a steady clock, which is not affected when the host's clock is set.
 
-Setting the host's clock must not move samples or lengthen a silence, so all receive times use this steady clock.
-Published times are converted to the host's clock as it is then set.
+Setting the host's clock must not move samples or lengthen a silence, so all receive times use the steady clock.
+Published times are converted to the host's clock as it is set at that moment.
 """
 
 import sys
@@ -29,9 +29,10 @@ _AHEAD_NS = _ahead_ns()
 
 
 def now_ns() -> int:
-    """Return the time in ns since the Unix epoch, by the host's clock as it was set when this program started.
+    """Return the steady time, ns since the Unix epoch.
 
-    This time continues evenly when the host's clock is set.
+    The time equals that of the host's clock when this program started, and is not affected when the host's clock is set
+    afterwards.
     """
     return _steady_ns() + _AHEAD_NS
 
@@ -39,7 +40,7 @@ def now_ns() -> int:
 def set_ns(before_ns: int = 0) -> int:
     """Return how far the host's clock has been set forward since the program's start, ns; negative if set back.
 
-    before_ns: the previous result, which is returned again unless the clock was set by 1 ms or more since.
+    before_ns: the previous result. It is returned again if the new result differs by less than 1 ms.
     """
     by_ns = _ahead_ns() - _AHEAD_NS
     return by_ns if abs(by_ns - before_ns) >= _NOISE_NS else before_ns

@@ -1,4 +1,4 @@
-"""Inbox of a device: received messages on their way from a receiving thread to the device's thread, bounded."""
+"""Bounded inbox of one device: passes received messages from a receiving thread to the device's thread."""
 
 import threading
 from collections import deque
@@ -11,7 +11,10 @@ _AT_ONCE_BYTES = 65_535
 
 
 class Received(NamedTuple):
-    """One message as received: data, host receive time in ns, and the sender, empty where the transport gives none."""
+    """Message as received: data, receive time and sender.
+
+    receive_time_ns: steady time of the host, ns since the Unix epoch. sender: None where the transport gives none.
+    """
 
     data: bytes
     receive_time_ns: int
@@ -19,9 +22,9 @@ class Received(NamedTuple):
 
 
 class Inbox:
-    """Messages waiting for one device's thread, at most most_bytes; if it is full, the oldest are dropped and counted.
+    """Queue of messages for one device's thread, of at most most_bytes bytes.
 
-    over: no more will come.
+    If the queue is full, the oldest messages are dropped and counted. over: True after the last message was put.
     """
 
     def __init__(self, most_bytes: int) -> None:
@@ -32,7 +35,7 @@ class Inbox:
         self._bytes = self._lost = 0
 
     def put(self, data: bytes, sender: Any = None) -> None:
-        """Add a message with its receive time."""
+        """Add a message, with the present time as its receive time. sender: its origin, if known."""
         receive_time_ns = host_time.now_ns()
         with self._news:
             self._waiting.append(Received(data, receive_time_ns, sender))
@@ -43,15 +46,15 @@ class Inbox:
             self._news.notify()
 
     def end(self) -> None:
-        """Mark the end: no more messages will come. Wakes a waiting `take`."""
+        """Mark the inbox as over: no more messages will come. Wakes a waiting `take`."""
         with self._news:
             self.over = True
             self._news.notify()
 
     def take(self, timeout_s: float) -> list[Received]:
-        """Return the waiting messages, oldest first, up to some 64 kB; [] if there are none.
+        """Return the waiting messages, oldest first, up to about 64 kB; empty if there are none.
 
-        Waits at most timeout_s for the first, unless the inbox is over.
+        Waits at most timeout_s for the first message, unless the inbox is over.
         """
         with self._news:
             self._news.wait_for(lambda: self._waiting or self.over, timeout_s)
@@ -70,5 +73,8 @@ class Inbox:
 
 
 def joined(heard: list[Received]) -> Chunk:
-    """Join received messages to one chunk of bytes, received when the last one was; empty, received now, if none."""
+    """Join received messages to one chunk of bytes, with the receive time of the last message.
+
+    Without messages, the chunk is empty and its time is now.
+    """
     return Chunk(b"".join(one.data for one in heard), heard[-1].receive_time_ns if heard else host_time.now_ns())

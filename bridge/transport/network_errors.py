@@ -1,4 +1,4 @@
-"""Network errors as sentences, with what to do."""
+"""Sentences for people on network errors, with what to do."""
 
 import errno
 import socket
@@ -7,9 +7,9 @@ from bridge.reasons.codes import Code, Sentence
 
 
 def cause(error: OSError, place: str) -> Sentence:
-    """Return a sentence on why a connection cannot be made, or a port not be listened on, from the error of trying it.
+    """Return a sentence on why a connection could not be made, or a port not be opened for listening.
 
-    place: the address, for people.
+    error: raised by the attempt. place: the address, for the sentence.
     """
     if isinstance(error, socket.gaierror):
         return Code.NAME_UNKNOWN(place=place)
@@ -32,7 +32,10 @@ def cause(error: OSError, place: str) -> Sentence:
 
 
 def loss(error: OSError, place: str) -> Sentence:
-    """Return a sentence on why an open network connection was lost. place: the address, for people."""
+    """Return a sentence on why an open network connection was lost.
+
+    error: raised by the connection. place: the address, for the sentence.
+    """
     if isinstance(error, TimeoutError) or error.errno == errno.ETIMEDOUT:
         return Code.CONNECTION_SILENT(place=place)
     return Code.CONNECTION_LOST(place=place, error=error.strerror or error)

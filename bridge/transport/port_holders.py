@@ -1,4 +1,4 @@
-"""Finds the processes that have a port open, from Linux's /proc, without touching the port."""
+"""Finds the processes that have a serial port open, from Linux's /proc, without opening the port."""
 
 import contextlib
 import os
@@ -11,7 +11,7 @@ PROC = Path("/proc")
 
 
 class Holder(NamedTuple):
-    """A process that has a port open: process id, and name as `ps` shows it."""
+    """Process that has a port open: process id, and name as `ps` shows it."""
 
     pid: int
     name: str
@@ -21,7 +21,7 @@ class Holder(NamedTuple):
 
 
 def holders(port: str, proc: Path = PROC) -> list[Holder]:
-    """Return the processes that have the port open, as far as visible: a user's own processes, all for root.
+    """Return the visible processes that have a port open: root sees all, other users their own.
 
     port: path of the port. proc: the /proc folder.
     """
@@ -30,7 +30,10 @@ def holders(port: str, proc: Path = PROC) -> list[Holder]:
 
 
 def locked(port: str, proc: Path = PROC) -> bool:
-    """Check whether another process has locked the port, as every bridge does; also one of another user."""
+    """Return True if another process, also of another user, has locked the port, as every bridge does.
+
+    port: path of the port. proc: the /proc folder.
+    """
     try:
         status = Path(port).stat()
         locks = (proc / "locks").read_text(encoding="ascii", errors="replace")
@@ -43,7 +46,7 @@ def locked(port: str, proc: Path = PROC) -> bool:
 
 
 def is_bridge(pid: int, proc: Path = PROC) -> bool:
-    """Return whether process `pid` is `truerate bridge run`, and not the shell or sudo that started it."""
+    """Return True if process `pid` is `truerate bridge run` itself, not the shell or sudo that started it."""
     program, *words = command(pid, proc) or [""]
     return Path(program).name.startswith(("python", "truerate")) and ("bridge", "run") in pairwise(words)
 

@@ -1,4 +1,4 @@
-"""Explains why a serial port cannot be opened, with what to do."""
+"""Sentences for people on why a serial port cannot be opened, with what to do."""
 
 import errno
 import os
@@ -16,7 +16,7 @@ _MEMORY_DEVICES = 1  # major number of /dev/null and similar devices
 
 
 def state(port: str) -> str:
-    """Say in words whether a serial port could be opened now; `present` if so."""
+    """Return a serial port's state in words, without opening the port; `present` if it could be opened now."""
     said = fault(port)
     return english(said) if said is not None else "present"
 
@@ -24,7 +24,7 @@ def state(port: str) -> str:
 def fault(port: str) -> Sentence | None:
     """Return a sentence on why a serial port could not be opened now, with what to do; None if it could be.
 
-    The port is not opened, because that would boot some boards.
+    The port is not opened, because opening boots some boards.
     """
     try:
         status = os.stat(port)  # noqa: PTH116 - a name, as everywhere in this file
@@ -39,7 +39,10 @@ def fault(port: str) -> Sentence | None:
 
 
 def no_port(port: str) -> bool:
-    """Return whether the path leads to something other than a serial port: a file, a folder, /dev/null."""
+    """Return True if the path leads to something other than a serial port: a file, a folder, /dev/null.
+
+    False if there is no such path.
+    """
     try:
         return _no_port(os.stat(port))  # noqa: PTH116 - a name, as everywhere in this file
     except OSError:
@@ -47,7 +50,10 @@ def no_port(port: str) -> bool:
 
 
 def cause(error: Exception, port: str) -> Sentence:
-    """Return a sentence on why a serial port cannot be opened, with what to do, from the error of opening it."""
+    """Return a sentence on why a serial port could not be opened, with what to do.
+
+    error: raised by the attempt. port: path of the port.
+    """
     number = _number(error)
     if number in _MISSING:
         return Code.PORT_MISSING(place=port)
@@ -61,15 +67,15 @@ def cause(error: Exception, port: str) -> Sentence:
 
 
 def settling(error: Exception) -> bool:
-    """Return whether the error of opening may pass by itself, because the port was just plugged in.
+    """Return True if an error of opening a port may pass by itself, because the port was just plugged in.
 
-    The port's name and permissions are then not yet settled.
+    The port's name and permissions may then still be about to change.
     """
     return _number(error) in _MISSING | _FORBIDDEN | {errno.EIO}
 
 
 def busy(port: str) -> Sentence:
-    """Return a sentence on the processes that have the serial port open, as far as visible."""
+    """Return a sentence that names the visible processes that have the serial port open."""
     having = holders(port)
     if not having:
         return Code.PORT_BUSY(place=port)

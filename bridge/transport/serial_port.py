@@ -1,7 +1,7 @@
 """Serial port transport, by pyserial.
 
-Not every fault of a port is a SerialException: `in_waiting` of an unplugged port raises a plain OSError, and the
-terminal's own calls raise termios.error, which is not an OSError.
+Not every fault of a port is a SerialException. `in_waiting` of an unplugged port raises OSError. The terminal's own
+calls raise termios.error, which is not an OSError.
 """
 
 import contextlib
@@ -36,10 +36,11 @@ class _Open(NamedTuple):
 class SerialPort:
     """Serial port transport of one device; the port is locked for this process.
 
-    Use a stable name: /dev/serial/by-id/... stays, /dev/ttyUSB0 does not. baud: bits per second. Many boards boot when
-    DTR falls or rises. Opening a port always raises DTR and RTS. Neither line is lowered afterwards, neither here nor
-    by the system on close, so only the first opening after plugging in may boot the board. (Lowering them would silence
-    boards with USB of their own, and reset an ESP32.)
+    port: path of the port. /dev/serial/by-id/... is stable; /dev/ttyUSB0 may change. baud: bits per second.
+
+    Many boards boot when DTR falls or rises. Opening a port always raises DTR and RTS. Neither line is lowered
+    afterwards, neither here nor by the system on close. So only the first opening after plugging in may boot the board.
+    Lowering the lines would silence boards with USB of their own, and reset an ESP32.
     """
 
     def __init__(self, port: str, baud: int) -> None:
@@ -75,8 +76,7 @@ class SerialPort:
         """Return received bytes, waiting at most timeout_s for the first byte; empty if none.
 
         Raises DeviceLost if the port is gone.
-
-        Same as pyserial's read(in_waiting or 1) at a third of the cost, because pyserial makes several system calls.
+        The result equals pyserial's read(in_waiting or 1), at a third of the cost: pyserial makes several system calls.
         """
         opened = self._opened()
         try:

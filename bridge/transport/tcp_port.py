@@ -20,9 +20,9 @@ _IDLE_S, _ASK_EVERY_S, _ASKS = 3, 1, 3
 
 
 class TcpPort:
-    """TCP transport: one connection to a device that is a server. address: `host:port`.
+    """TCP transport for a device that is a server. address: `host:port`. baud: ignored.
 
-    All data that arrived before the device closed the connection are read before the loss is raised.
+    Data that arrived before the device closed the connection are read before DeviceLost is raised.
     """
 
     def __init__(self, address: str, baud: int) -> None:  # noqa: ARG002 - TCP has no baud rate
@@ -59,9 +59,9 @@ class TcpPort:
         return Chunk(data, host_time.now_ns())
 
     def write(self, data: bytes) -> None:
-        """Send data to the device; raises DeviceLost if the connection does not accept them within a second.
+        """Send data to the device; raises DeviceLost if the connection does not accept the data within a second.
 
-        A broken connection is reported by read, after the data that arrived before.
+        A broken connection is reported by `read`, after the data that arrived before.
         """
         opened = self._opened()
         try:
@@ -95,13 +95,13 @@ def _waited(error: OSError) -> bool:
 
 
 def parsed(address: str) -> tuple[str, int]:
-    """Parse the part of an address behind `tcp://` into host and port; raises ValueError if invalid."""
+    """Parse the part of an address behind `tcp://` into host and port; raises ValueError if the address is invalid."""
     before, _ = url.options(address, (), EXAMPLE)
     return url.host_port(before, EXAMPLE)
 
 
 def state(address: str) -> str:
-    """Return in a few words whether a TCP connection can be made now, `present` if so; connects for a moment."""
+    """Return an address's state in a few words, after connecting for a moment; `present` if that succeeds."""
     try:
         _connected(parsed(address)).close()
     except OSError as error:

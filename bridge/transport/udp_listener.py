@@ -1,4 +1,4 @@
-"""Shares one UDP port among devices: datagrams are told apart by the sending host."""
+"""UDP port shared by several devices: a datagram belongs to the device whose host sent it."""
 
 import contextlib
 import logging
@@ -25,13 +25,13 @@ Peer = tuple[Any, ...]  # as a socket gives it: host, port, and more with IPv6
 
 
 class Taken(Exception):
-    """The datagrams of a host already have an inbox; the message names the hosts."""
+    """Another device already receives the datagrams of a host; the message names the hosts."""
 
 
 class Listener:
-    """A bound UDP socket with its thread, which sorts datagrams into the inboxes of devices by their sending host.
+    """UDP socket with its own thread, which sorts datagrams into the inboxes of devices by their sending host.
 
-    `join` makes listeners and shares them.
+    host, port: local address. `join` makes listeners and shares them. Raises OSError if the port is unusable.
     """
 
     def __init__(self, host: str, port: int) -> None:
@@ -49,9 +49,10 @@ class Listener:
         self._socket.sendto(data, to)
 
     def add(self, inbox: Inbox, hosts: frozenset[str]) -> None:
-        """Add a device's inbox for its hosts; ANYONE stands for all hosts without an inbox of their own.
+        """Add a device's inbox for the datagrams of its hosts.
 
-        Raises Taken if a host has an inbox already.
+        hosts: host addresses, or ANYONE for every host without an inbox of its own. Raises Taken if a host has an inbox
+        already.
         """
         if taken := self._inboxes.keys() & hosts:
             raise Taken(", ".join(sorted(taken)))
@@ -59,7 +60,7 @@ class Listener:
         self._inboxes = self._inboxes | dict.fromkeys(hosts, inbox)
 
     def remove(self, inbox: Inbox) -> bool:
-        """Remove a device's inbox; return True if no inbox is left."""
+        """Remove a device's inbox; returns True if no inbox is left."""
         self._inboxes = {host: other for host, other in self._inboxes.items() if other is not inbox}
         return not self._inboxes
 
@@ -103,7 +104,7 @@ _listeners: dict[tuple[str, int], Listener] = {}
 
 
 def join(host: str, port: int, hosts: frozenset[str]) -> tuple[Listener, Inbox]:
-    """Listen for the datagrams of these hosts on a UDP port; return the shared listener and a new inbox.
+    """Listen for the datagrams of some hosts on a UDP port; returns the shared listener and a new inbox.
 
     host: local address, empty for all. hosts: addresses of the device, or ANYONE.
     Raises OSError if the port is unusable, and Taken if a host has an inbox already.

@@ -19,10 +19,11 @@ OVERFLOW, OTHERS = "datagrams_overflow", "datagrams_of_others"
 
 
 class UdpPort:
-    """UDP transport: the datagrams of one device, joined to a stream of bytes. address: the part behind `udp://`.
+    """UDP transport: joins the datagrams of one device to a stream of bytes.
 
-    Without the option `from`, only datagrams of the first sending host count, until it has been silent for 3 s.
-    Several devices may send to one port, told apart by `from`.
+    address: the part behind `udp://`. baud: ignored. The option `from` of the address names the device's host, so that
+    several devices can send to one port. Without `from`, only the first sending host is received, until it is silent
+    for 3 s.
     """
 
     def __init__(self, address: str, baud: int) -> None:  # noqa: ARG002 - UDP has no baud rate
@@ -47,7 +48,7 @@ class UdpPort:
     def read(self, timeout_s: float) -> Chunk:
         """Return the received datagrams as one chunk, waiting at most timeout_s for the first; empty if none.
 
-        Raises DeviceLost once closed.
+        Raises DeviceLost if the port is closed.
         """
         _, inbox = self._opened()
         heard = self._own(inbox.take(timeout_s))
@@ -72,7 +73,7 @@ class UdpPort:
     def write(self, data: bytes) -> None:
         """Send data to the sender of the latest datagram; does nothing before the first.
 
-        Raises DeviceLost once closed.
+        Raises DeviceLost if the port is closed.
         """
         listener, _ = self._opened()
         if self._peer is not None:
@@ -96,7 +97,7 @@ class UdpPort:
 def parsed(address: str) -> tuple[str, int, str]:
     """Parse the part of an address behind `udp://`: local host (empty: all), port, and the device's host (empty: any).
 
-    Raises ValueError if invalid.
+    Raises ValueError if the address is invalid.
     """
     where, chosen = url.options(address, ("from",), EXAMPLE)
     host, port = url.host_port(where, EXAMPLE, host_needed=False)
@@ -104,9 +105,9 @@ def parsed(address: str) -> tuple[str, int, str]:
 
 
 def state(address: str) -> str:
-    """Return in a few words whether the UDP port can be listened on now; `free` if so.
+    """Return a UDP address's state in a few words; `free` if the port can be opened for listening.
 
-    Whether a device sends is unknown before opening.
+    The state does not say whether a device sends: that is unknown before opening.
     """
     host, port, _ = parsed(address)
     try:

@@ -1,4 +1,4 @@
-"""Parses the part of an address behind its scheme: `host:port`, `?name=value`. Errors say what came, with an example."""
+"""Parser of the part of an address behind its scheme: `host:port`, `?name=value`; errors give an example."""
 
 import math
 from collections.abc import Sequence
@@ -10,7 +10,7 @@ from bridge.toml.loader import nearest
 def host_port(text: str, example: str, *, host_needed: bool = True) -> tuple[str, int]:
     """Parse `10.0.0.5:8000`, `wrist-1.local:8000` or `[fe80::1]:8000` into host and port (1 to 65535).
 
-    The host may be empty if not host_needed. Raises ValueError, whose text ends in `example`, for an invalid host or
+    host_needed: False if the host may be empty. Raises ValueError, whose text ends in `example`, for an invalid host or
     port.
     """
     host, colon, port = text.rpartition(":")
@@ -26,7 +26,7 @@ def host_port(text: str, example: str, *, host_needed: bool = True) -> tuple[str
 
 
 def host(text: str, example: str) -> str:
-    """Parse a host without port, with or without brackets; return it without brackets.
+    """Parse a host without port, with or without brackets; returns the host without brackets.
 
     Raises ValueError, whose text ends in `example`, for an invalid host.
     """
@@ -37,9 +37,10 @@ def host(text: str, example: str) -> str:
 
 
 def options(text: str, known: Sequence[str], example: str) -> tuple[str, dict[str, str]]:
-    """Split off the `name=value` options behind `?`; return the text before, and the values by name.
+    """Split off the `name=value` options behind `?`; returns the text before `?`, and the values by name.
 
-    Raises ValueError for a name that is not in `known`, or given twice.
+    known: the valid names. example: a valid address, for the error text. Raises ValueError for an unknown name, and for
+    a name given twice.
     """
     before, mark, query = text.partition("?")
     if not mark:
@@ -57,7 +58,10 @@ def options(text: str, known: Sequence[str], example: str) -> tuple[str, dict[st
 
 
 def number(text: str, name: str, low: float, high: float) -> float:
-    """Parse the number of an option `name`, from low to high; raises ValueError for any other text."""
+    """Parse the number of an option, from low to high. Raises ValueError for any other text.
+
+    name: name of the option, for the error text.
+    """
     try:
         value = float(text)
     except ValueError:

@@ -1,4 +1,4 @@
-"""Wire format: messages, keys and their encoding (docs/wire.md). The decoder rejects every invalid message.
+"""Wire format: message types, bus keys and their encoding (docs/wire.md). The decoder rejects every invalid message.
 
-Begin at `messages`. `codec` encodes and decodes; `keys` is the only builder and parser of keys.
+Begin at `messages`. `codec` encodes and decodes; `keys` alone builds and parses keys.
 """

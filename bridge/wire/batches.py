@@ -1,7 +1,7 @@
 """Encoding and decoding of sample batches and corrected batches.
 
-Uses the twin messages in columns.proto, where a packed column is a `bytes` field: the same bytes on the wire, at memory
-speed.
+Both use the messages of columns.proto, where a repeated number is one packed `bytes` field. The bytes on the wire are
+those of truerate.proto, but encoding and decoding are as fast as copying memory.
 """
 
 from typing import Any, NamedTuple
@@ -34,7 +34,7 @@ Float32s = NDArray[np.float32]
 
 
 def encode_samples(batch: SampleBatch) -> bytes:
-    """Encode a SampleBatch as protobuf bytes, the payload of raw/<bridge>/<device>."""
+    """Encode a SampleBatch as protobuf bytes, the payload of bus key raw/<bridge>/<device>."""
     return columns.SampleBatch(
         version=VERSION,
         device=batch.device,
@@ -53,7 +53,10 @@ def encode_samples(batch: SampleBatch) -> bytes:
 
 
 def decode_samples(key: str, payload: bytes) -> SampleBatch:
-    """Decode and validate the payload of raw/<bridge>/<device> as a SampleBatch. Raises Refusal for an invalid message."""
+    """Decode and validate the payload of bus key raw/<bridge>/<device> as a SampleBatch.
+
+    Raises Refusal for an invalid message.
+    """
     raw, place = opened(columns.SampleBatch, "raw", key, payload)
     ticks = ticks_of(raw.ticks)
     times_of(raw, ticks)
@@ -76,7 +79,7 @@ def decode_samples(key: str, payload: bytes) -> SampleBatch:
 
 
 def encode_corrected(batch: CorrectedBatch) -> bytes:
-    """Encode a CorrectedBatch as protobuf bytes, the payload of corrected/<device>."""
+    """Encode a CorrectedBatch as protobuf bytes, the payload of bus key corrected/<device>."""
     encoder = CorrectedEncoder(batch.device, batch.epoch)
     encoder.corrected_by(batch.quality, batch.calibration, np.array([getattr(batch, name) for name in TOLD]))
     clock = batch.start_time_ns, batch.tick_period_s, batch.clock_rate
@@ -87,16 +90,17 @@ def encode_corrected(batch: CorrectedBatch) -> bytes:
 class CorrectedEncoder:
     """Encoder for the many corrected batches of one device; sets common fields only when they change.
 
-    epoch: number of the estimator's ownership of the device.
+    epoch: number of the estimator's ownership of the device; a higher number is later, 0 is unknown.
     """
 
     def __init__(self, device: str, epoch: int = 0) -> None:
         self._message = columns.CorrectedBatch(version=VERSION, device=device, epoch=epoch)
 
     def corrected_by(self, quality: Quality, calibration: str, told: Float32s) -> None:
-        """Set quality, calibration id and uncertainties of all following messages.
+        """Set quality, calibration id, bias and standard deviations of all following messages.
 
-        told (6, 3): uncertainties and bias, a row for each name in TOLD, in the units of CorrectedBatch.
+        told (6, 3): one row for each name in TOLD: noise_std, bias_std, flicker_std and bias in rad/s; scale_std and
+        cross_std without unit.
         """
         message = self._message
         message.quality = int(quality)
@@ -116,9 +120,11 @@ class CorrectedEncoder:
         rate: bytes,
         flags: bytes,
     ) -> bytes:
-        """Encode one corrected batch; the fields are those of CorrectedBatch.
+        """Encode one corrected batch as protobuf bytes; the arguments are the fields of CorrectedBatch.
 
-        ticks, rate and flags are packed columns: bytes as of `column_of` and `packed_flags`.
+        boot: 64-bit boot number. sequence: number of the first sample since boot. start_time_ns: host time of the first
+        sample, ns since the Unix epoch. clock_rate: host seconds per device second.
+        ticks (n,), rate (n, 3) in rad/s, flags (n,): packed as bytes by `column_of` and `packed_flags`.
         """
         message = self._message
         message.boot = boot
@@ -133,7 +139,10 @@ class CorrectedEncoder:
 
 
 def decode_corrected(key: str, payload: bytes) -> CorrectedBatch:
-    """Decode and validate the payload of corrected/<device> as a CorrectedBatch. Raises Refusal for an invalid message."""
+    """Decode and validate the payload of bus key corrected/<device> as a CorrectedBatch.
+
+    Raises Refusal for an invalid message.
+    """
     raw, _ = opened(columns.CorrectedBatch, "corrected", key, payload)
     ticks = ticks_of(raw.ticks)
     times_of(raw, ticks)
@@ -162,16 +171,16 @@ def decode_corrected(key: str, payload: bytes) -> CorrectedBatch:
 
 
 class Rates(NamedTuple):
-    """Corrected rates of one message: device id and rate (n, 3) float32 rad/s."""
+    """Corrected rates of one message: device id, and rate (n, 3) float32 in rad/s, sensor frame."""
 
     device: str
     rate: Float32s
 
 
 def decode_rates(key: str, payload: bytes) -> Rates:
-    """Decode only the rates of a CorrectedBatch, at a quarter of the cost. Raises Refusal for invalid rates.
+    """Decode only the rates of a corrected batch, at a quarter of the cost; other fields are not checked.
 
-    Other fields are not checked.
+    Raises Refusal for an invalid payload, key, id or rate.
     """
     raw, _ = opened(columns.CorrectedBatch, "corrected", key, payload)
     n = len(raw.rate) // 12
@@ -181,20 +190,20 @@ def decode_rates(key: str, payload: bytes) -> Rates:
 
 
 def column_of(column: NDArray[np.generic], dtype: np.dtype[Any]) -> bytes:
-    """Pack an array as bytes, row by row, each element little-endian in the given dtype."""
+    """Pack an array as bytes, row by row, each element little-endian in the given data type."""
     return column.astype(dtype, copy=False).tobytes()
 
 
 def packed_flags(flags: NDArray[np.uint32]) -> bytes:
-    """Pack sample flags (n,) as bytes, 4 per sample; empty if all flags are 0."""
+    """Pack sample flags (n,) as bytes, 4 bytes per sample; empty if all flags are 0."""
     packed = column_of(flags, UINT32)
     return packed if packed.strip(b"\0") else b""
 
 
 def ticks_of(column: bytes) -> NDArray[np.uint64]:
-    """Unpack a column of device ticks (64 bits each) as a read-only (n,) uint64 array.
+    """Unpack device ticks (8 bytes each) as a read-only (n,) uint64 array.
 
-    Raises Refusal unless there are 1 to MAX_SAMPLES ticks, each larger than the one before and below 2**63.
+    Raises Refusal unless there are 1 to MAX_SAMPLES ticks, strictly rising and below 2**63.
     """
     n, odd = divmod(len(column), 8)
     if odd or not 1 <= n <= MAX_SAMPLES:
@@ -210,9 +219,9 @@ def ticks_of(column: bytes) -> NDArray[np.uint64]:
 def times_of(
     raw: columns.SampleBatch | columns.CorrectedBatch | columns.OrientationBatch, ticks: NDArray[np.uint64]
 ) -> None:
-    """Check that the clock fields of a batch are in range, and so the host times of its first and last sample.
+    """Check the clock fields of a batch, and that the host time of its last sample is in range.
 
-    ticks: (n,), from the same message. Returns nothing; raises Refusal.
+    raw: the received message. ticks (n,): ticks of its samples. Raises Refusal if a value is out of range.
     """
     start_ns = validation.time_ns(raw.start_time_ns, "start_time_ns")
     period_s = validation.number(raw.tick_period_s, "tick_period_s", 1e-9, 1.0)
@@ -222,9 +231,10 @@ def times_of(
 
 
 def floats_of(column: bytes, name: str, n: int, limit: float) -> Float32s:
-    """Unpack a column of n float32 numbers (4 bytes each) as a read-only (n,) array; magnitudes may reach limit.
+    """Unpack float32 numbers (4 bytes each) as a read-only (n,) array, in the unit of the field.
 
-    name: the field, for the error text. Raises Refusal for another length, for NaN, infinity, and larger numbers.
+    limit: largest absolute value. name: the field, for the error text.
+    Raises Refusal for another length, and for NaN, infinity or a value beyond the limit.
     """
     if len(column) != 4 * n:
         raise Refusal(Reason.LENGTH, f"{name} has {len(column)} bytes; {4 * n} are expected")
@@ -241,10 +251,10 @@ def floats_of(column: bytes, name: str, n: int, limit: float) -> Float32s:
 
 
 def stds_of(raw: columns.CorrectedBatch | columns.WindowBatch) -> NDArray[np.float32]:
-    """Unpack the standard deviations of a message as a read-only (5, 3) float32 array; none may be negative.
+    """Unpack the standard deviations of a message as a read-only (5, 3) float32 array.
 
-    Rows: noise, bias, scale, cross-axis, flicker (0 if absent), in the units of CorrectedBatch. Raises Refusal for
-    another number of columns, and for a negative or unreadable value.
+    Rows: noise, bias (rad/s), scale, cross-axis (without unit), flicker (rad/s; 0 if absent).
+    Raises Refusal for another number of values, and for a value that is negative, not finite or too large.
     """
     said = {name: getattr(raw, name) for name in ("noise_std", "bias_std", "scale_std", "cross_std")}
     said["flicker_std"] = raw.flicker_std or _NOT_SAID
@@ -258,9 +268,9 @@ def stds_of(raw: columns.CorrectedBatch | columns.WindowBatch) -> NDArray[np.flo
 
 
 def flags_of(column: bytes, n: int) -> NDArray[np.uint32]:
-    """Unpack a column of n sample flags as (n,) uint32; an empty column means all 0.
+    """Unpack n sample flags (4 bytes each) as a (n,) uint32 array; an empty column means that all are 0.
 
-    Raises Refusal for unknown bits.
+    Raises Refusal for another length and for unknown bits.
     """
     if not column:
         return np.zeros(n, np.uint32)

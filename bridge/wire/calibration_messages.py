@@ -1,4 +1,4 @@
-"""Message types of calibrations, of a gyro and of an accelerometer, made here or by the device.
+"""Message types of calibrations: of a gyro and of an accelerometer, by truerate or by the device itself.
 
 Angles are in rad, rates in rad/s.
 """
@@ -11,7 +11,7 @@ from bridge.wire.sample_messages import Floats
 
 
 class Verdict(IntEnum):
-    """Verdict of a calibration: ACCEPTED, REPEAT (turn again about the axes named in the reason) or REFUSED."""
+    """Verdict of a calibration: ACCEPTED, REPEAT (the axes named in the reason must be turned again) or REFUSED."""
 
     UNKNOWN = 0
     ACCEPTED = 1
@@ -21,11 +21,12 @@ class Verdict(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class AccelerometerCalibration:
-    """Calibration of an accelerometer by rests in different poses: corrected = scale (reading - bias), axis by axis.
+    """Calibration of an accelerometer from rests in different poses: corrected = scale (reading - bias), axis by axis.
 
-    poses: number of different poses. bias (3) m/s²; scale (3), relative to a gravity of 9.80665 m/s².
-    covariance (36), row by row, of bias and scale. cross_std: standard deviation of the part of each other axis in an
-    axis' reading, relative. Without an accepted verdict bias, scale and covariance are empty, and cross_std is 0.
+    poses: number of different poses. bias (3,): m/s². scale (3,): without unit, for a gravity of 9.80665 m/s².
+    covariance (36,): rows of the (6, 6) matrix of bias, then scale; the variances are in (m/s²)² and without unit.
+    cross_std: standard deviation of the share of another axis in an axis' reading, without unit.
+    Without an accepted verdict, bias, scale and covariance are empty, and cross_std is 0.
     """
 
     verdict: Verdict
@@ -38,15 +39,19 @@ class AccelerometerCalibration:
 
     @property
     def std(self) -> tuple[float, ...]:
-        """Standard deviations (6): bias (3) in m/s², then scale (3); empty without an accepted verdict."""
+        """Standard deviations (6,): bias (3,) in m/s², then scale (3,) without unit.
+
+        Empty without an accepted verdict.
+        """
         return tuple(var**0.5 for var in self.covariance[::7])
 
 
 @dataclass(frozen=True, slots=True)
 class Turn:
-    """One turn of a calibration: signed angle and closure error in rad, both after correction.
+    """Turn of a calibration: axis, angle and closure error, after correction.
 
-    axis: 0 x, 1 y, 2 z. duration_s: s.
+    axis: 0 for x, 1 for y, 2 for z. angle: rad, signed. closure_error: angle by which the turn misses its start, rad.
+    duration_s: duration.
     """
 
     axis: int
@@ -57,10 +62,12 @@ class Turn:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Calibration:
-    """Calibration result of a gyro: corrected = matrix (reading - bias), in rad/s.
+    """Calibration result of a gyro: corrected rate = matrix (reading - bias), in rad/s, sensor frame.
 
-    matrix (3, 3); bias (3,) rad/s; covariance (p, p) of the p `parameters`; noise_std (3,) rad/s of one reading.
-    gyro_range: full scale in rad/s. time_ns: since the Unix epoch. who: the person who asked for it.
+    matrix (3, 3): without unit. bias (3,): rad/s. noise_std (3,): standard deviation of one reading, rad/s.
+    covariance (p, p): of the p `parameters`: biases in rad/s, matrix elements (`k_x`, `m_xy` …) without unit.
+    gyro_range: full-scale range, rad/s. rate_hz: output data rate. temperature_c: sensor temperature.
+    time_ns: when it was made, ns since the Unix epoch. who: name of the person who requested the calibration.
     """
 
     device: str
@@ -90,8 +97,8 @@ class Calibration:
 class DeviceCalibration:
     """Calibration that a device made itself: corrected = scale (reading - bias), axis by axis.
 
-    scale (3,), without unit; bias (3,) rad/s. boot: number of the boot in which the device made it.
-    sequence: number of the last sample it was made of, as the device counts: 32 bits.
+    scale (3,): without unit. bias (3,): rad/s. boot: number of the boot in which the device made the calibration.
+    sequence: number of the last sample used for it, by the device's 32-bit count.
     """
 
     boot: int

@@ -1,4 +1,4 @@
-"""Encoding and decoding of messages between estimators: owned devices and checkpoints."""
+"""Encoding and decoding of messages between estimators: lists of owned devices, and checkpoints."""
 
 from bridge.wire import keys, validation
 from bridge.wire import truerate_pb2 as pb
@@ -20,7 +20,7 @@ _DETERMINED = ("bias_x", "bias_y", "bias_z", "k_x", "k_y", "k_z")
 
 
 def encode_owned(owned: Owned) -> bytes:
-    """Encode an Owned message (devices that an estimator owns) as bytes, the payload of owned/<estimator>."""
+    """Encode an Owned message, the list of an estimator's devices, as the payload of bus key owned/<estimator>."""
     return pb.Owned(
         version=VERSION,
         estimator=owned.estimator,
@@ -38,7 +38,7 @@ def encode_owned(owned: Owned) -> bytes:
 
 
 def decode_owned(key: str, payload: bytes) -> Owned:
-    """Decode and validate the payload of owned/<estimator> as an Owned message. Raises Refusal if invalid."""
+    """Decode and validate the payload of bus key owned/<estimator> as an Owned message. Raises Refusal if invalid."""
     raw, _ = opened(pb.Owned, "owned", key, payload, "estimator")
     if len(raw.holdings) > MAX_HOLDINGS or len(raw.moves) > MAX_MOVES:
         raise Refusal(
@@ -60,9 +60,9 @@ def decode_owned(key: str, payload: bytes) -> Owned:
 
 
 def encode_checkpoint(checkpoint: Checkpoint) -> bytes:
-    """Encode a Checkpoint as bytes, the payload of checkpoint/<device>.
+    """Encode a Checkpoint as bytes, the payload of bus key checkpoint/<device>.
 
-    Keeps only the last MAX_ANSWERS answers, and leaves out a `state` of more than MAX_STATE bytes.
+    Only the last MAX_ANSWERS answers are encoded. A `state` of more than MAX_STATE bytes is left out.
     """
     return pb.Checkpoint(
         version=VERSION,
@@ -81,9 +81,9 @@ def encode_checkpoint(checkpoint: Checkpoint) -> bytes:
 
 
 def decode_checkpoint(key: str, payload: bytes) -> Checkpoint:
-    """Decode and validate the payload of checkpoint/<device> as a Checkpoint. Raises Refusal if invalid.
+    """Decode and validate the payload of bus key checkpoint/<device> as a Checkpoint.
 
-    `state` is not checked here; restoring a session checks it.
+    The bytes of `state` are not checked. Raises Refusal if another field is invalid.
     """
     raw, _ = opened(pb.Checkpoint, "checkpoint", key, payload)
     return Checkpoint(

@@ -1,7 +1,7 @@
-"""Codec: public functions to encode messages to bytes and to decode and validate them.
+"""Codec of bus messages: functions that encode messages to bytes, and decode and validate bytes.
 
-Encoding trusts the program and makes texts printable. Decoding trusts nothing: `decode_*(key, payload)` returns a
-complete, valid message or raises Refusal, and no other exception.
+Encoding does not validate the program's own values, but makes texts printable. Decoding validates every field:
+`decode_*(key, payload)` returns a complete, valid message or raises Refusal, and no other exception.
 """
 
 from bridge.wire.batches import (

@@ -1,4 +1,4 @@
-"""Encoding and decoding of info, status, calibration, revision, note, command and reply: once a second or less."""
+"""Encoding and decoding of infrequent messages: info, status, calibration, revision, note, command and reply."""
 
 from collections.abc import Sequence
 
@@ -48,7 +48,7 @@ _MAX_BRIDGES = 16
 
 
 def encode_info(info: DeviceInfo) -> bytes:
-    """Encode a DeviceInfo as bytes, the payload of info/<bridge>/<device>."""
+    """Encode a DeviceInfo as bytes, the payload of bus key info/<bridge>/<device>."""
     return pb.DeviceInfo(
         version=VERSION,
         device=info.device,
@@ -78,7 +78,7 @@ def encode_info(info: DeviceInfo) -> bytes:
 
 
 def decode_info(key: str, payload: bytes) -> DeviceInfo:
-    """Decode and validate the payload of info/<bridge>/<device> as a DeviceInfo. Raises Refusal if invalid."""
+    """Decode and validate the payload of bus key info/<bridge>/<device> as a DeviceInfo. Raises Refusal if invalid."""
     raw, place = opened(pb.DeviceInfo, "info", key, payload)
     same_id(raw.bridge, place, "bridge")
     return DeviceInfo(
@@ -124,7 +124,7 @@ def _own_in(raw: pb.DeviceCalibration) -> DeviceCalibration:
 
 
 def encode_status(status: Status) -> bytes:
-    """Encode a Status as bytes, the payload of status/<device>."""
+    """Encode a Status as bytes, the payload of bus key status/<device>."""
     said = pb.Status()  # set field by field, in half the time: once a second for each device
     said.version = VERSION
     said.device, said.boot, said.time_ns = status.device, status.boot, status.time_ns
@@ -155,7 +155,7 @@ def encode_status(status: Status) -> bytes:
 
 
 def decode_status(key: str, payload: bytes) -> Status:
-    """Decode and validate the payload of status/<device> as a Status. Raises Refusal if invalid."""
+    """Decode and validate the payload of bus key status/<device> as a Status. Raises Refusal if invalid."""
     raw, _ = opened(pb.Status, "status", key, payload)
     axes_done = tuple(validation.whole(axis, "axes_done", 2) for axis in raw.axes_done)
     if len(axes_done) > 3:
@@ -193,12 +193,12 @@ def decode_status(key: str, payload: bytes) -> Status:
 
 
 def encode_calibration(calibration: Calibration) -> bytes:
-    """Encode a Calibration as bytes, the payload of calibration/<device>."""
+    """Encode a Calibration as bytes, the payload of bus key calibration/<device>."""
     return calibration_message(calibration).SerializeToString()
 
 
 def calibration_message(calibration: Calibration) -> pb.Calibration:
-    """Convert a Calibration to its protobuf message, for `encode_calibration` and for use inside a checkpoint."""
+    """Convert a Calibration to its protobuf message, which is sent alone or inside a checkpoint."""
     return pb.Calibration(
         version=VERSION,
         device=calibration.device,
@@ -229,7 +229,7 @@ def calibration_message(calibration: Calibration) -> pb.Calibration:
 
 
 def decode_calibration(key: str, payload: bytes) -> Calibration:
-    """Decode and validate the payload of calibration/<device> as a Calibration. Raises Refusal if invalid."""
+    """Decode and validate the payload of bus key calibration/<device> as a Calibration. Raises Refusal if invalid."""
     raw, _ = opened(pb.Calibration, "calibration", key, payload)
     return calibration_in(raw)
 
@@ -268,7 +268,10 @@ def calibration_in(raw: pb.Calibration) -> Calibration:
 
 
 def encode_note(note: Note) -> bytes:
-    """Encode a Note as bytes, the payload of note/<device>; its texts are made printable and cut."""
+    """Encode a Note as bytes, the payload of bus key note/<device>.
+
+    Texts are made printable, and shortened to the largest allowed length.
+    """
     return pb.Note(
         version=VERSION,
         device=note.device,
@@ -280,7 +283,7 @@ def encode_note(note: Note) -> bytes:
 
 
 def decode_note(key: str, payload: bytes) -> Note:
-    """Decode and validate the payload of note/<device> as a Note. Raises Refusal if invalid."""
+    """Decode and validate the payload of bus key note/<device> as a Note. Raises Refusal if invalid."""
     raw, _ = opened(pb.Note, "note", key, payload)
     return Note(
         device=raw.device,
@@ -292,7 +295,7 @@ def decode_note(key: str, payload: bytes) -> Note:
 
 
 def encode_command(command: Command) -> bytes:
-    """Encode a Command as bytes, the payload of a query to rpc/<device>/<verb>."""
+    """Encode a Command as bytes, the payload of a query to bus key rpc/<device>/<verb>."""
     return pb.Command(
         version=VERSION,
         request_id=clean(command.request_id, validation.MAX_NAME),
@@ -303,9 +306,9 @@ def encode_command(command: Command) -> bytes:
 
 
 def decode_command(key: str, payload: bytes) -> Command:
-    """Decode and validate the payload of a query to rpc/<device>/<verb> as a Command.
+    """Decode and validate the payload of a query to bus key rpc/<device>/<verb> as a Command.
 
-    Raises Refusal, also for a verb not in keys.VERBS, and for a command without a request id.
+    Raises Refusal for an invalid command, for a verb that is not in keys.VERBS, and without a request id.
     """
     place = parse_key(key, "rpc")
     if place.ids["verb"] not in keys.VERBS:
@@ -322,7 +325,7 @@ def decode_command(key: str, payload: bytes) -> Command:
 
 
 def encode_reply(reply: CommandReply) -> bytes:
-    """Encode a CommandReply as bytes, the answer to a command's query; never empty."""
+    """Encode a CommandReply as bytes, the answer to a command's query. The result is never empty."""
     return pb.CommandReply(
         version=VERSION,
         request_id=clean(reply.request_id, validation.MAX_NAME),
@@ -361,7 +364,7 @@ def _clean_counts(counts: dict[str, int]) -> dict[str, int]:
 
 
 def encode_revision(revision: BiasRevision) -> bytes:
-    """Encode a BiasRevision as bytes, the payload of revision/<device>."""
+    """Encode a BiasRevision as bytes, the payload of bus key revision/<device>."""
     return pb.BiasRevision(
         version=VERSION,
         device=revision.device,
@@ -378,7 +381,7 @@ def encode_revision(revision: BiasRevision) -> bytes:
 
 
 def decode_revision(key: str, payload: bytes) -> BiasRevision:
-    """Decode and validate the payload of revision/<device> as a BiasRevision. Raises Refusal if invalid."""
+    """Decode and validate the payload of bus key revision/<device> as a BiasRevision. Raises Refusal if invalid."""
     raw, _ = opened(pb.BiasRevision, "revision", key, payload)
     n = len(raw.sequences)
     if not MIN_POINTS <= n <= MAX_POINTS:

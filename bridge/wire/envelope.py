@@ -1,4 +1,4 @@
-"""Checks common to all received messages: kind of key, size, version, and ids equal to the key's."""
+"""Checks common to all received messages: kind of key, payload size, version, and the id in key and payload."""
 
 from typing import TypeVar
 
@@ -26,9 +26,9 @@ def parse_key(key: str, what: str) -> Key:
 
 
 def read(kind: type[M], payload: bytes) -> M:
-    """Parse a payload as a protobuf message of class `kind`, and check its size and version but no other field.
+    """Parse a payload as a protobuf message of class `kind`; of its fields only the version is checked.
 
-    Raises Refusal if the payload is too large, no such message, or of an unknown version.
+    Raises Refusal if the payload is too large, is not of this class, or has an unknown version.
     """
     if len(payload) > MAX_PAYLOAD:
         raise Refusal(Reason.TOO_LARGE, f"the payload has {len(payload)} bytes; at most {MAX_PAYLOAD} are allowed")
@@ -44,19 +44,19 @@ def read(kind: type[M], payload: bytes) -> M:
 
 
 def same_id(said: str, place: Key, name: str) -> None:
-    """Check that payload and key have the same id; raises Refusal if not.
+    """Check that payload and key contain the same id; raises Refusal if not.
 
-    said: the payload's id. place: the key. name: the kind of id, for example `device`.
+    said: id in the payload. place: the parsed key. name: kind of id, for example `device`.
     """
     if said != place.ids[name]:
         raise Refusal(Reason.FOREIGN_ID, f"the payload says {name} {said[:64]!r}, the key {place.ids[name]!r}")
 
 
 def opened(kind: type[M], what: str, key: str, payload: bytes, id_: str = "device") -> tuple[M, Key]:
-    """Parse a payload and its key; both must name the same id. Returns the protobuf message and the parsed key.
+    """Parse a payload and its key, which must contain the same id; returns the protobuf message and the parsed key.
 
-    kind: protobuf class. what: kind of key, for example `status`. id_: name of the id to compare. Raises Refusal for an
-    invalid payload or key, and for different ids.
+    kind: protobuf class. what: kind of key, for example `status`. id_: name of the id to compare.
+    Raises Refusal for an invalid payload or key, and for different ids.
     """
     place = parse_key(key, what)
     message = read(kind, payload)

@@ -1,6 +1,6 @@
-"""Builds and parses bus keys: `truerate/@v1/<ward>/<what>/...`. No other module does.
+"""Builder and parser of bus keys: `truerate/@v1/<ward>/<what>/...`. No other module builds or parses keys.
 
-Checks every id in both directions, because the bus itself accepts wildcards, newlines and quotes.
+Every id is checked in both directions, because the bus accepts wildcards, newlines and quotes in keys.
 """
 
 import functools
@@ -41,7 +41,7 @@ BY_NAME = tuple(what for what in SHAPES if what.startswith("@"))
 
 @dataclass(frozen=True, slots=True)
 class Key:
-    """A parsed bus key: ward, kind of message (`what`, as in SHAPES), and ids by their names in SHAPES."""
+    """Parsed bus key. ward: id of the ward. what: kind of message, as in SHAPES. ids: ids by their names in SHAPES."""
 
     ward: str
     what: str
@@ -49,12 +49,15 @@ class Key:
 
     @property
     def device(self) -> str:
-        """Device id in the key. Raises KeyError for a kind without one, such as `owned` or `alive/bridge`."""
+        """Device id in the key. Raises KeyError for a kind of key without a device, such as `owned`."""
         return self.ids["device"]
 
 
 def check_id(text: object, what: str = "id") -> str:
-    """Return text if it is a valid id, else raise Refusal(BAD_ID) with the format. what: kind of id, for the message."""
+    """Return `text` if it is a valid id. what: kind of id, for the error message.
+
+    Raises Refusal(BAD_ID), which states the valid format, for any other text.
+    """
     if not isinstance(text, str) or not ID.match(text):
         raise Refusal(
             Reason.BAD_ID,
@@ -64,9 +67,10 @@ def check_id(text: object, what: str = "id") -> str:
 
 
 def build(ward: str, what: str, **ids: str) -> str:
-    """Build the bus key of a message kind `what` in a ward, such as status with device="chest".
+    """Build the bus key of one kind of message in a ward.
 
-    Raises TypeError if ids are missing or extra, Refusal(BAD_ID) for an invalid id.
+    what: kind of message, as in SHAPES. ids: such as device="chest". Raises KeyError for an unknown kind, TypeError if
+    ids are missing or extra, and Refusal(BAD_ID) for an invalid id.
     """
     shape = SHAPES[what]
     if set(ids) != set(shape):
@@ -75,9 +79,10 @@ def build(ward: str, what: str, **ids: str) -> str:
 
 
 def pattern(ward: str, what: str, **ids: str) -> str:
-    """Build the key pattern for subscribing to messages of a kind `what` in a ward, with `*` for every id not given.
+    """Build the key pattern for subscribing to one kind of message in a ward, with `*` for every id not given.
 
-    Raises TypeError for an extra id, Refusal(BAD_ID) for an invalid one.
+    what: kind of message, as in SHAPES. Raises KeyError for an unknown kind, TypeError for an extra id, and
+    Refusal(BAD_ID) for an invalid id.
     """
     shape = SHAPES[what]
     if not set(ids) <= set(shape):
@@ -86,7 +91,10 @@ def pattern(ward: str, what: str, **ids: str) -> str:
 
 
 def everything(ward: str) -> str:
-    """Build the key pattern for subscribing to all messages of a ward, except the kinds in BY_NAME."""
+    """Build the key pattern for subscribing to all messages of a ward, except the kinds in BY_NAME.
+
+    Raises Refusal(BAD_ID) for an invalid ward.
+    """
     return "/".join([ROOT, check_id(ward, "ward"), "**"])
 
 
@@ -97,9 +105,9 @@ def boot_id(boot: int) -> str:
 
 @functools.lru_cache(maxsize=8192)  # a ward uses the same few keys again and again
 def parse(key: str) -> Key:
-    """Parse a received bus key. Raises Refusal for a wildcard, an unknown kind or an invalid id.
+    """Parse a received bus key. The result is cached: do not modify it.
 
-    The result is cached: do not modify it.
+    Raises Refusal for a wildcard, an unknown kind, an invalid id, and a key that is too long.
     """
     if len(key) > MAX_KEY:
         raise Refusal(Reason.BAD_KEY, f"a key of {len(key)} characters; at most {MAX_KEY} are allowed")

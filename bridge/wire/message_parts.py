@@ -1,4 +1,4 @@
-"""Encoding of parts that several messages have: sentences, alerts, receipts and accelerometer calibrations."""
+"""Encoding and decoding of parts of messages: sentences, alerts, receipts and accelerometer calibrations."""
 
 from collections.abc import Iterable, Sequence
 
@@ -22,17 +22,20 @@ _MOST_BIAS, _MOST_SCALE, _MOST_VAR = 100.0, 10.0, 1e6
 
 
 def encoded(sentences: Sentences) -> Iterable[pb.Sentence]:
-    """Yield the first MAX_TEXTS sentences as protobuf messages; parameter values are made printable and cut."""
+    """Yield the first MAX_TEXTS sentences as protobuf messages.
+
+    Parameter values are made printable, and shortened to the largest allowed length.
+    """
     for code, params in sentences[:MAX_TEXTS]:
         values = {name: clean(value, MAX_SENTENCE) for name, value in params.items()}
         yield pb.Sentence(code=code, params=values)
 
 
 def decoded(raw: Sequence[pb.Sentence], name: str) -> Sentences:
-    """Validate and convert the sentences of a repeated protobuf field `name`.
+    """Validate and convert the sentences of a repeated protobuf field. name: the field, for error texts.
 
-    Accepts unknown codes, for later versions.
-    Raises Refusal for too many sentences, and for unprintable or long texts.
+    Unknown codes are accepted, since a later version may send them.
+    Raises Refusal for too many sentences or parameters, and for unprintable or long texts.
     """
     if len(raw) > MAX_TEXTS:
         raise Refusal(Reason.LENGTH, f"{name} has {len(raw)} sentences; at most {MAX_TEXTS} are allowed")
@@ -51,7 +54,7 @@ def _decoded(raw: pb.Sentence, name: str) -> Sentence:
 
 
 def alert_messages(alerts: Iterable[Alert]) -> list[pb.Alert]:
-    """Convert standing alerts to a list of protobuf messages; names are made printable and cut."""
+    """Convert standing alerts to a list of protobuf messages; persons' names are made printable and shortened."""
     return [
         pb.Alert(
             kind=one.kind,
@@ -67,7 +70,7 @@ def alert_messages(alerts: Iterable[Alert]) -> list[pb.Alert]:
 def alerts_in(raw: pb.Status | pb.Checkpoint | pb.Owned) -> tuple[Alert, ...]:
     """Validate the standing alerts inside a received message and convert them.
 
-    Raises Refusal for more than MAX_ALERTS, and for an invalid one.
+    Raises Refusal for more than MAX_ALERTS alerts, and for an invalid alert.
     """
     if len(raw.alerts) > MAX_ALERTS:
         raise Refusal(Reason.LENGTH, f"alerts has {len(raw.alerts)} values; at most {MAX_ALERTS} are allowed")
@@ -91,7 +94,7 @@ def receipt_messages(receipts: Iterable[Receipt]) -> list[pb.Receipt]:
 def receipts_in(raw: pb.Status) -> tuple[Receipt, ...]:
     """Validate the bias filter's receipts in a received status and convert them.
 
-    Raises Refusal for more than MAX_RECEIPTS, and for an invalid one.
+    Raises Refusal for more than MAX_RECEIPTS receipts, and for an invalid receipt.
     """
     if len(raw.receipts) > MAX_RECEIPTS:
         raise Refusal(Reason.LENGTH, f"receipts has {len(raw.receipts)} values; at most {MAX_RECEIPTS} are allowed")
@@ -114,7 +117,7 @@ def _receipt(raw: pb.Receipt) -> Receipt:
 
 
 def accelerometer_message(one: AccelerometerCalibration | None) -> pb.AccelerometerCalibration | None:
-    """Convert an accelerometer calibration to its protobuf message; None for None."""
+    """Convert an accelerometer calibration to its protobuf message; returns None for None."""
     if one is None:
         return None
     return pb.AccelerometerCalibration(
@@ -129,9 +132,9 @@ def accelerometer_message(one: AccelerometerCalibration | None) -> pb.Accelerome
 
 
 def accelerometer_in(raw: pb.Status | pb.Calibration) -> AccelerometerCalibration | None:
-    """Validate the accelerometer calibration inside a received message and convert it; None where the message has none.
+    """Validate the accelerometer calibration inside a received message and convert it.
 
-    Raises Refusal if it is invalid.
+    Returns None if the message has none. Raises Refusal if the calibration is invalid.
     """
     if not raw.HasField("accelerometer"):
         return None

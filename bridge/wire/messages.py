@@ -1,7 +1,7 @@
-"""Message types: frozen dataclasses, validated by the codec.
+"""Message types of the bus: frozen dataclasses, validated by the codec.
 
-`sample_messages` has those with sample arrays, `calibration_messages` the calibrations. Rates are in rad/s, times in
-seconds unless the name says otherwise.
+`sample_messages` has the types with sample arrays, `calibration_messages` those of calibrations. Rates are in rad/s,
+times in s unless the name says otherwise.
 """
 
 import math
@@ -65,7 +65,10 @@ VERSION = 1
 
 
 class BootCause(IntEnum):
-    """How the bridge noticed a boot: POWER_UP, by the device itself; PORT_OPENED, assumed when the port was opened."""
+    """Evidence by which the bridge noticed a boot.
+
+    POWER_UP: the device reported it. PORT_OPENED: assumed, because the port was opened.
+    """
 
     UNKNOWN = 0
     POWER_UP = 1
@@ -73,9 +76,12 @@ class BootCause(IntEnum):
 
 
 class State(IntEnum):
-    """Life state of a device: from warming up through lying still and turning (its calibration) to tracking.
+    """Calibration state of a device, from warming up to tracking its bias.
 
-    DEGRADED: calibrated, but evidence is old or contradicts. LOST: the device sends nothing.
+    WARMING: warming up after a boot. AWAITING_STILL: waiting for a rest. BIAS_ONLY: bias known from a rest, turns to
+    come.
+    TURNING: a calibration turn is under way. TRACKING: calibrated, bias tracked.
+    DEGRADED: calibrated, but the evidence is old or contradicts the estimate. LOST: the device sends nothing.
     """
 
     UNKNOWN = 0
@@ -92,8 +98,11 @@ class State(IntEnum):
 class DeviceInfo:
     """Device information that its bridge publishes: identity, settings, and counts of this boot.
 
-    rate_hz: as the device states it; measured_rate_hz: by the bridge, 0 until known. gyro_range: full scale in rad/s, 0
-    if unknown. time_ns: since the Unix epoch. samples: number published in this boot. dropped, events: counts by label.
+    boot: 64-bit boot number. rate_hz: output data rate stated by the device. measured_rate_hz: measured by the bridge;
+    0 until known. gyro_range: full-scale range, rad/s; 0 if unknown. time_ns: when it was sent, ns since the Unix
+    epoch.
+    samples: number of samples published in this boot. dropped: number of samples not published, by reason.
+    events: counts by label.
     """
 
     device: str
@@ -138,11 +147,11 @@ SIDES = ("left", "right")
 
 @dataclass(frozen=True, slots=True)
 class Placement:
-    """Where on a body a device is worn, and by whom; each field may be empty, for unknown.
+    """Place of a device on a body, and its wearer; an empty field is unknown.
 
-    A placement counts as false if nobody wears the device.
-    segment: of SEGMENTS. side: of SIDES. wearer: a bed or a pseudonym.
-    since_ns: ns since the Unix epoch. who: the person who said so.
+    segment: body segment, one of SEGMENTS. side: one of SIDES. wearer: a bed or a pseudonym.
+    since_ns: begin, ns since the Unix epoch. who: name of the person who stated it.
+    bool(placement) is False if nobody wears the device.
     """
 
     segment: str = ""
@@ -156,7 +165,7 @@ class Placement:
 
     @property
     def body(self) -> str:
-        """Name of the worn segment in an OpenSim model, such as `femur_r`; empty if unknown."""
+        """Name of the segment on which the device is worn, in an OpenSim model, such as `femur_r`; empty if unknown."""
         return f"{self.segment}_{self.side[0]}" if self.side else self.segment
 
     def __str__(self) -> str:
@@ -166,10 +175,10 @@ class Placement:
 
 @dataclass(frozen=True, slots=True)
 class Alert:
-    """Standing alert of a device or an estimator; docs/alerts.md lists the kinds. Times are ns since the Unix epoch.
+    """Standing alert of a device or an estimator; docs/alerts.md lists the kinds.
 
-    since_ns: when the cause began. raised_ns: when the cause had lasted for its hold time. acknowledged_ns: when the
-    person `who` acknowledged the alert; 0 until then.
+    Times are in ns since the Unix epoch. since_ns: when the cause began. raised_ns: when the cause had lasted for its
+    hold time. acknowledged_ns: when the person `who` acknowledged the alert; 0 before.
     """
 
     kind: str
@@ -184,10 +193,11 @@ NO_REST_S = 1e12
 
 
 class Receipt(NamedTuple):
-    """What the bias filter did with one measurement; innovation = measured - predicted.
+    """Receipt of one measurement update of the bias filter: innovation, test and verdict.
 
-    time_ns: since the Unix epoch. kind: of evidence. innovation, innovation_std: 1 to 3 values, rad/s.
-    nis: normalised innovation squared. test_ratio: NIS / gate. reason: why refused, or accepted beyond the gate; or
+    time_ns: ns since the Unix epoch. kind: kind of evidence. innovation: measured - predicted, 1 to 3 values, rad/s.
+    innovation_std: its standard deviations, rad/s. nis: normalised innovation squared. test_ratio: nis divided by the
+    gate. accepted: True if the measurement was used. reason: why it was refused, or accepted beyond the gate; else
     empty.
     """
 
@@ -203,12 +213,14 @@ class Receipt(NamedTuple):
 
 @frequent(eq=True)
 class Status:
-    """Status of a device, sent by its estimator at every change and once a second. Times are ns since the Unix epoch.
+    """Status of a device, which its estimator sends at every change and once a second.
 
-    bias, bias_std (3): rad/s. scale (3): diagonal of the matrix in use. progress: of the calibration, 0 to 1.
-    axes_done: axes of accepted turns, 0 x, 1 y, 2 z. calibrated_time_ns: 0 if never in this boot.
-    evidence_age_s: s since the last accepted rest. temperature_c: °C, NaN if unknown. rate_hz: measured sample rate.
-    samples_in = samples_out + sum of dropped, numbers of samples. dropped, events: counts by label.
+    time_ns, calibrated_time_ns: ns since the Unix epoch; calibrated_time_ns is 0 if never calibrated in this boot.
+    bias, bias_std (3,): rad/s. scale (3,): diagonal of the calibration matrix in use, without unit.
+    progress: share of the calibration done, 0 to 1. axes_done: axes of accepted turns: 0 x, 1 y, 2 z.
+    evidence_age_s: time since the last accepted rest. temperature_c: NaN if unknown. rate_hz: measured sample rate.
+    samples_in, samples_out: numbers of samples received and published; samples_in = samples_out + sum of dropped.
+    dropped, events: counts by label.
     """
 
     device: str
@@ -242,11 +254,11 @@ class Status:
 
 
 class Holding(NamedTuple):  # a NamedTuple for speed: hundreds of them, five times a second
-    """A device owned by an estimator since `epoch`.
+    """Device owned by an estimator.
 
-    Samples of this boot numbered below `next` are corrected and published.
-    epoch: number of the ownership; a higher one is later. busy: a calibration is under way; a takeover now would lose
-    its turns.
+    epoch: number of the ownership; a higher number is later. boot: 64-bit boot number. next: number of the first sample
+    of this boot that is not yet corrected and published. busy: True during a calibration, whose turns a takeover would
+    lose.
     """
 
     device: str
@@ -258,7 +270,10 @@ class Holding(NamedTuple):  # a NamedTuple for speed: hundreds of them, five tim
 
 @dataclass(frozen=True, slots=True)
 class Move:
-    """Change of an estimator's devices: how many came and left, when (ns since the Unix epoch), and why."""
+    """Change of the devices that an estimator owns, with its reason.
+
+    came, left: number of devices gained and given up. time_ns: ns since the Unix epoch.
+    """
 
     time_ns: int
     came: int
@@ -268,9 +283,10 @@ class Move:
 
 @dataclass(frozen=True, slots=True)
 class Owned:
-    """Devices owned by an estimator, published in `parts` messages; this is number `part`, counted from 0.
+    """List of the devices that an estimator owns, published in `parts` messages.
 
-    load: processor seconds per second of the estimator's process. time_ns: since the Unix epoch.
+    part: number of this message, from 0. load: processor time used by the estimator's process, s per s.
+    time_ns: ns since the Unix epoch.
     """
 
     estimator: str
@@ -286,9 +302,9 @@ class Owned:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Checkpoint:
-    """Checkpoint of a device: calibration, filter state and last answers, from which another estimator can take over.
+    """Checkpoint of a device, from which another estimator can take over: calibration, filter state and last answers.
 
-    epoch: number of the ownership. time_ns: since the Unix epoch.
+    epoch: number of the ownership; a higher number is later. time_ns: ns since the Unix epoch.
     """
 
     device: str
@@ -306,7 +322,10 @@ class Checkpoint:
 
 @dataclass(frozen=True, slots=True)
 class Note:
-    """Note of a person (`who`) about a device, with its time in ns since the Unix epoch."""
+    """Note that a person attaches to a moment of a device.
+
+    time_ns: ns since the Unix epoch. who: name of the person. text: the note.
+    """
 
     device: str
     boot: int
@@ -317,7 +336,10 @@ class Note:
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """Command of a person or a program to a device's estimator, with an id for its reply; the key holds the verb."""
+    """Command of a person or a program to the estimator of a device; the bus key contains the verb.
+
+    request_id: id that the reply repeats. who: name of the person or program. reason: free text.
+    """
 
     request_id: str
     who: str
@@ -327,7 +349,10 @@ class Command:
 
 @dataclass(frozen=True, slots=True)
 class CommandReply:
-    """Reply to the command of the same request_id: accepted or not; `message` gives the reason."""
+    """Reply to a command.
+
+    request_id: id of the command. accepted: True if the command is carried out. message: the reason, for people.
+    """
 
     request_id: str
     accepted: bool

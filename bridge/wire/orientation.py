@@ -1,4 +1,4 @@
-"""Encoding and decoding of orientations, with packed columns as in `batches`."""
+"""Encoding and decoding of orientation batches, with packed columns as in `batches`."""
 
 import numpy as np
 
@@ -18,7 +18,7 @@ _ROWS, _COLUMNS = np.triu_indices(3)
 
 
 def encode_orientation(batch: OrientationBatch) -> bytes:
-    """Encode an OrientationBatch as bytes, the payload of orientation/<device>."""
+    """Encode an OrientationBatch as bytes, the payload of bus key orientation/<device>."""
     clock = batch.start_time_ns, batch.tick_period_s, batch.clock_rate
     return encode_columns(
         batch.device,
@@ -42,10 +42,11 @@ def encode_columns(
     zero: tuple[int, str],
     quality: Quality,
 ) -> bytes:
-    """Encode an orientation batch from packed columns (bytes as of `column_of`); fields as in OrientationBatch.
+    """Encode an orientation batch from columns packed by `column_of`; the fields are those of OrientationBatch.
 
     header: boot, sequence, start_time_ns, tick_period_s, clock_rate, ticks. zero: zero_sequence and zero.
-    covariance: xx, xy, xz, yy, yz, zz.
+    quat_wxyz (n, 4); linear_accel (n, 3): m/s², earth axes; covariance (6,): xx, xy, xz, yy, yz, zz in rad², earth
+    axes.
     """
     boot, sequence, start_time_ns, tick_period_s, clock_rate, ticks = header
     return columns.OrientationBatch(
@@ -68,7 +69,10 @@ def encode_columns(
 
 
 def decode_orientation(key: str, payload: bytes) -> OrientationBatch:
-    """Decode and validate the payload of orientation/<device> as an OrientationBatch. Raises Refusal if invalid."""
+    """Decode and validate the payload of bus key orientation/<device> as an OrientationBatch.
+
+    Raises Refusal for an invalid message.
+    """
     raw, _ = opened(columns.OrientationBatch, "orientation", key, payload)
     ticks = ticks_of(raw.ticks)
     times_of(raw, ticks)

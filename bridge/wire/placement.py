@@ -1,4 +1,4 @@
-"""Placement of a device on a wearer: its check, for every door, and its encoding inside other messages."""
+"""Placement of a device on a wearer: validation, and encoding inside other messages."""
 
 from bridge.wire import truerate_pb2 as pb
 from bridge.wire import validation
@@ -10,9 +10,10 @@ MAX_WEARER = 32
 
 
 def placement(segment: str = "", side: str = "", wearer: str = "", since_ns: int = 0, who: str = "") -> Placement:
-    """Check and build a Placement; spaces around `wearer` are removed.
+    """Validate the fields of a Placement and build it; spaces around `wearer` are removed.
 
-    Raises Refusal(RANGE) with the accepted values for an unknown segment or side, or a side that the segment lacks.
+    since_ns: ns since the Unix epoch. Raises Refusal, with the accepted values, for an unknown segment or side, a side
+    that the segment lacks, and an invalid text or time.
     """
     if segment and segment not in SEGMENTS:
         raise Refusal(Reason.RANGE, f"unknown segment {segment[:32]!r}: use {', '.join(SEGMENTS)}")
@@ -36,9 +37,9 @@ def placement_message(one: Placement) -> pb.Placement:
 
 
 def placement_in(raw: pb.Status | pb.Checkpoint | pb.Command) -> Placement | None:
-    """Validate the placement inside a received message and convert it; None where the message has none.
+    """Validate the placement inside a received message and convert it; None if the message has none.
 
-    Raises Refusal if it is invalid.
+    Raises Refusal if the placement is invalid.
     """
     if not raw.HasField("placement"):
         return None

@@ -1,11 +1,11 @@
-"""Refused messages and samples: reasons, the exception, and the tally that counts them."""
+"""Refusals of messages and samples: reasons, the exception, and the tally that counts refusals."""
 
 from collections import Counter
 from enum import StrEnum
 
 
 class Reason(StrEnum):
-    """Reason for refusing external input; the value is the label under which refusals are counted."""
+    """Reasons for refusing external input; the value is the label under which refusals are counted."""
 
     BAD_KEY = "bad_key"
     WILDCARD_KEY = "wildcard_key"
@@ -25,7 +25,10 @@ class Reason(StrEnum):
 
 
 class Refusal(Exception):
-    """External input was refused. `reason` is for counting; `detail` says what came and what was expected."""
+    """External input was refused.
+
+    reason: label under which the refusal is counted. detail: the value that came, and the value expected.
+    """
 
     def __init__(self, reason: Reason, detail: str) -> None:
         super().__init__(f"{reason}: {detail}")
@@ -34,7 +37,7 @@ class Refusal(Exception):
 
 
 class Tally:
-    """Counts by label, for example of refused messages.
+    """Counter by label, for example of refused messages by reason.
 
     Not thread-safe: one thread owns a tally and publishes copies.
     """
@@ -52,7 +55,7 @@ class Tally:
         return {label: n for label, n in self._counts.items() if n}
 
     def total(self, begin: str = "") -> int:
-        """Return the sum of all counts, or of those whose labels start with `begin`."""
+        """Return the sum of all counts whose labels start with `begin`; the default is all labels."""
         if not begin:
             return sum(self._counts.values())
         return sum([n for label, n in self._counts.items() if label.startswith(begin)])

@@ -1,6 +1,6 @@
-"""Message types with sample arrays: readings, corrected rates, revisions of past biases, and windowed statistics.
+"""Message types with sample arrays: readings, corrected rates, orientations, bias revisions and window statistics.
 
-Rates are in rad/s, accelerations in m/s², times in seconds unless the name says otherwise. Vectors are in the sensor frame.
+Rates are in rad/s, accelerations in m/s², times in s unless the name says otherwise. Vectors are in the sensor frame.
 Arrays are read-only by convention: no code writes into a message.
 """
 
@@ -23,15 +23,20 @@ STEADY = np.zeros(3, np.float32)
 
 @dataclass_transform(frozen_default=True, field_specifiers=(field,))
 def frequent(*, eq: bool) -> Callable[[type[T]], type[T]]:
-    """Declare a dataclass for messages made very often: frozen for type checkers only.
+    """Declare a dataclass for messages that are made very often; only type checkers treat it as frozen.
 
-    Creating an instance of a really frozen dataclass takes eight times as long. eq: whether to generate `==`.
+    eq: True generates `==`. A dataclass frozen at run time takes eight times as long to make an instance.
     """
     return dataclass(slots=True, eq=eq)
 
 
 class SampleFlag(IntFlag):
-    """Bits of a sample's `flags`: after a gap, clipped, stuck, received late, temperature step. See truerate.proto."""
+    """Bits of a sample's `flags`.
+
+    AFTER_GAP: samples are missing before it. CLIPPED: an axis is at the end of its full-scale range.
+    STUCK: readings repeat where noise should change them. LATE: received much later than taken.
+    TEMPERATURE_STEP: the temperature changed faster than a sensor's can.
+    """
 
     OK = 0
     AFTER_GAP = 1
@@ -42,11 +47,11 @@ class SampleFlag(IntFlag):
 
 
 class Quality(IntEnum):
-    """Quality of a corrected rate, from NONE to GOOD; DEGRADED when evidence is old or contradicts it.
+    """Quality of a corrected rate, by what is known about scale and bias.
 
-    NONE: data sheet's scale, bias unknown. PRIOR: scale of an earlier boot, bias unknown. BIAS_ONLY: bias of this boot
-    known.
-    GOOD: calibrated in this boot, bias tracked.
+    NONE: scale of the data sheet, bias unknown. PRIOR: scale of an earlier boot, bias unknown.
+    BIAS_ONLY: bias of this boot known, scale not calibrated in this boot. GOOD: calibrated in this boot, bias tracked.
+    DEGRADED: calibrated in this boot, but the evidence is old or contradicts the estimate.
     """
 
     NONE = 0
@@ -57,9 +62,9 @@ class Quality(IntEnum):
 
 
 class Timed:
-    """Base of batches: device times and host times of their samples, from ticks and clock.
+    """Base class of batches: device times and host times of n samples, from ticks and clock fields.
 
-    ticks (n,) uint64: of tick_period_s seconds each. start_time_ns: host time of the first sample, ns since the Unix
+    ticks (n,) uint64: device clock, tick_period_s each. start_time_ns: host time of the first sample, ns since the Unix
     epoch. clock_rate: host seconds per device second.
     """
 
@@ -74,7 +79,7 @@ class Timed:
 
     @property
     def device_time(self) -> Floats:
-        """Device time (n,) of each sample in s, by the device's own clock and zero."""
+        """Time (n,) of each sample by the device's clock, s, counted from that clock's zero."""
         return np.asarray(self.ticks * self.tick_period_s, dtype=np.float64)
 
     @property
@@ -86,13 +91,14 @@ class Timed:
 
 @frequent(eq=False)
 class SampleBatch(Timed):
-    """Raw samples: n consecutive samples of one boot, without a gap.
+    """Raw samples: n consecutive samples of one boot of a device, without a gap.
 
-    ticks (n,) uint64, device time in ticks of tick_period_s; gyro (n, 3) float32 rad/s; accel (n, 3) float32 m/s² or
-    None; temperature_c (n,) float32 °C or None; flags (n,) uint32 (SampleFlag). `sequence` is the number of the first
-    sample since boot. receive_time_ns and start_time_ns: host times, ns since the Unix epoch, when the batch was
-    received and the first sample was taken. clock_rate: host seconds per device second. `bridge` is the id of the
-    publishing bridge, from the key.
+    gyro (n, 3) float32: rad/s, sensor frame. accel (n, 3) float32: m/s², sensor frame, or None.
+    temperature_c (n,) float32, or None. flags (n,) uint32: SampleFlag bits.
+    boot: 64-bit boot number. sequence: number of the first sample since boot.
+    ticks (n,) uint64: device clock, tick_period_s each. clock_rate: host seconds per device second.
+    start_time_ns: host time when the first sample was taken, ns since the Unix epoch. receive_time_ns: host time when
+    the batch was received, ns since the Unix epoch. bridge: id of the publishing bridge, from the bus key.
     """
 
     device: str
@@ -110,7 +116,7 @@ class SampleBatch(Timed):
     bridge: str = ""
 
     def after(self, n: int) -> "SampleBatch":
-        """Return the batch without its first n samples, n smaller than the batch."""
+        """Return the batch without its first n samples. n: smaller than the batch."""
         return replace(
             self,
             sequence=self.sequence + n,
@@ -125,12 +131,16 @@ class SampleBatch(Timed):
 
 @frequent(eq=False)
 class OrientationBatch(Timed):
-    """Attitudes of consecutive samples of one boot, from sensor to earth axes, z up (docs/orientation.md).
+    """Attitudes of n consecutive samples of one boot, from sensor to earth axes, z up (docs/orientation.md).
 
-    quat_wxyz (n, 4) float32: unit quaternions, scalar first. linear_accel (n, 3) float32 m/s²: acceleration without
-    gravity, earth axes; None without an accelerometer. covariance (3, 3) float32 rad²: of the attitude error at the
-    last sample, a small rotation about earth axes. zero_sequence: number of the sample at which the heading was zero.
-    zero: `start`, or who reset it. Other fields are as in CorrectedBatch.
+    quat_wxyz (n, 4) float32: unit quaternions, scalar first. linear_accel (n, 3) float32: acceleration without gravity,
+    m/s², earth axes; None without an accelerometer.
+    covariance (3, 3) float32: of the attitude error at the last sample, a small rotation about earth axes, rad².
+    zero_sequence: number of the sample at which the heading was zero. zero: `start`, or the name of the person who
+    reset the heading.
+    boot: 64-bit boot number. sequence: number of the first sample since boot. epoch: number of the estimator's
+    ownership of the device; a higher number is later. ticks (n,) uint64: device clock, tick_period_s each.
+    start_time_ns: host time of the first sample, ns since the Unix epoch. clock_rate: host seconds per device second.
     """
 
     device: str
@@ -150,28 +160,32 @@ class OrientationBatch(Timed):
 
     @property
     def tilt_std(self) -> float:
-        """Standard deviation of the tilt: rms angle between the true and the estimated vertical, rad."""
+        """Standard deviation of the tilt, rad: rms angle between the true and the estimated vertical."""
         return math.sqrt(float(self.covariance[0, 0]) + float(self.covariance[1, 1]))
 
     @property
     def heading_std(self) -> float:
-        """Standard deviation of the heading since its zero, rad."""
+        """Standard deviation of the change of heading since its zero, rad."""
         return math.sqrt(float(self.covariance[2, 2]))
 
     @property
     def heading(self) -> NDArray[np.float64]:
-        """Heading (n,) since its zero, rad, -π to π: the rotation about the vertical that is left without the tilt."""
+        """Heading (n,) since its zero, rad, -π to π: the twist about the vertical, by swing-twist decomposition."""
         w, z = self.quat_wxyz[:, 0].astype(float), self.quat_wxyz[:, 3].astype(float)
         return np.asarray(np.arctan2(2 * w * z, w * w - z * z))
 
 
 @frequent(eq=False)
 class CorrectedBatch(Timed):
-    """Corrected rates of one SampleBatch (sensor frame), with bias and standard deviations.
+    """Corrected rates of the n samples of one SampleBatch, with bias and standard deviations, sensor frame.
 
-    rate (n, 3) float32 rad/s; bias and every `_std` (3,) float32. bias, noise_std, bias_std and flicker_std are in
-    rad/s; scale_std and cross_std are relative. bias_std is for the bias averaged over minutes, flicker_std for its
-    flicker about that average. calibration: id of the calibration in use. The clock fields are as in SampleBatch.
+    rate (n, 3) float32: rad/s. bias (3,) float32: rad/s.
+    noise_std, bias_std, flicker_std (3,) float32: rad/s. scale_std, cross_std (3,) float32: without unit.
+    bias_std belongs to the bias averaged over minutes, flicker_std to the bias' flicker about that average.
+    cross_std is the misalignment. calibration: id of the calibration in use. flags (n,) uint32: SampleFlag bits.
+    boot: 64-bit boot number. sequence: number of the first sample since boot. ticks (n,) uint64: device clock,
+    tick_period_s each. start_time_ns: host time of the first sample, ns since the Unix epoch. clock_rate: host seconds
+    per device second.
     """
 
     device: str
@@ -194,7 +208,7 @@ class CorrectedBatch(Timed):
     flicker_std: NDArray[np.float32] = field(default_factory=lambda: STEADY)
 
     def after(self, n: int) -> "CorrectedBatch":
-        """Return the batch without its first n samples, n smaller than the batch."""
+        """Return the batch without its first n samples. n: smaller than the batch."""
         return replace(
             self,
             sequence=self.sequence + n,
@@ -206,9 +220,9 @@ class CorrectedBatch(Timed):
 
     @property
     def rate_std(self) -> Floats:
-        """Standard deviation (n, 3) of each corrected rate, rad/s.
+        """Standard deviation (n, 3) of each corrected rate, rad/s, by `combined_std`.
 
-        Combines noise, bias, flicker, scale and misalignment.
+        Includes noise, bias, flicker, scale and misalignment.
         """
         return combined_std(self.rate, self.noise_std, self.bias_std, self.scale_std, self.cross_std, self.flicker_std)
 
@@ -221,10 +235,13 @@ def combined_std(
     cross_std: NDArray[np.floating],
     flicker_std: NDArray[np.floating],
 ) -> Floats:
-    """Return the (n, 3) standard deviation, rad/s, of corrected rates (n, 3) rad/s, from the parts of a CorrectedBatch.
+    """Return the standard deviation (n, 3) of corrected rates, rad/s, as the root of a sum of independent variances.
 
-    Each part is (3,) for all samples or (n, 3) per sample: noise, bias and flicker in rad/s, scale and cross-axis
-    relative.
+    variance = noise_std² + bias_std² + flicker_std² + (rate · scale_std)² + (across · cross_std)²
+
+    rate (n, 3): rad/s. across: length of the rate about the other two axes, rad/s. noise_std, bias_std, flicker_std:
+    rad/s.
+    scale_std, cross_std: without unit. Each standard deviation is (3,) for all samples, or (n, 3).
     """
     rate_var = rate.astype(float) ** 2
     across_var = rate_var.sum(axis=1, keepdims=True) - rate_var
@@ -237,10 +254,11 @@ def combined_std(
 class BiasRevision:
     """Revised bias of past samples: m points, each at a sample, linear in time between points.
 
-    A revision applies to the CorrectedBatches of the same device, boot and calibration. time_ns: when it was made.
-    matrix: (3, 3), the calibration matrix in use.
-    sequences: (m,) uint64, sample numbers, rising. times_ns: (m,) int64, host time of these samples, rising.
-    bias, bias_std: (m, 3) float32 rad/s, of the reading, not of the corrected rate.
+    A revision applies to the CorrectedBatches of the same device, boot and calibration.
+    sequences (m,) uint64: sample numbers, rising. times_ns (m,) int64: host times of these samples, rising, ns since
+    the Unix epoch. bias, bias_std (m, 3) float32: bias of the reading, and its standard deviation, rad/s, sensor frame.
+    matrix (3, 3): calibration matrix in use, without unit. time_ns: when the revision was made, ns since the Unix
+    epoch.
     """
 
     device: str
@@ -260,12 +278,14 @@ class BiasRevision:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WindowBatch:
-    """Statistics of samples in m windows of window_s device seconds each, for display.
+    """Statistics of readings and corrected rates in m windows of window_s device seconds each, for display.
 
-    sequences: (m,) uint64, number of each window's last sample. times_ns: (m,) int64, host time of that sample.
-    samples: (m,) uint32, number of samples per window. flags: (m,) uint32, flags of all samples of a window combined.
-    reading_…, rate_…: (m, 3) float32 rad/s, statistics of readings and of corrected rates.
-    Other fields are as in the CorrectedBatch of the last sample.
+    sequences (m,) uint64: number of each window's last sample. times_ns (m,) int64: host time of that sample, ns since
+    the Unix epoch. samples (m,) uint32: number of samples per window. flags (m,) uint32: SampleFlag bits of all its
+    samples.
+    reading_…, rate_… (m, 3) float32: mean, standard deviation, minimum and maximum, rad/s, sensor frame.
+    bias, noise_std, bias_std, flicker_std (3,) float32: rad/s. scale_std, cross_std (3,) float32: without unit. These
+    fields, quality and calibration are those of the CorrectedBatch of the last sample.
     """
 
     device: str
@@ -299,7 +319,7 @@ class WindowBatch:
     def rate_mean_std(self) -> Floats:
         """Standard deviation (m, 3) of each window's mean corrected rate, rad/s.
 
-        Averaging reduces noise, but not the other errors.
+        The noise variance is divided by the number of samples; the other error variances stay.
         """
         noise = self.noise_std / np.sqrt(self.samples.astype(float))[:, None]
         return combined_std(self.rate_mean, noise, self.bias_std, self.scale_std, self.cross_std, self.flicker_std)

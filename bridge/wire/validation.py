@@ -1,4 +1,7 @@
-"""Field checks of the decoder: each returns the typed value or raises Refusal. `name` is the field, for the message."""
+"""Field checks of the decoder: each function returns the typed value or raises Refusal.
+
+The argument `name` is the field, for the error text.
+"""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -23,17 +26,17 @@ MAX_EPOCH = 2**62
 
 
 def clean(text: str, limit: int) -> str:
-    """Make the program's own text fit for the wire: unprintable characters become blanks, cut at `limit` characters."""
+    """Make a text of this program valid for the wire: printable, and at most `limit` characters.
+
+    Unprintable characters become blanks.
+    """
     if len(text) <= limit and text.isprintable():
         return text
     return "".join(c if c.isprintable() else " " for c in text[:limit])
 
 
 def text(value: str, name: str, limit: int = MAX_NAME) -> str:
-    """Check a received text: at most `limit` printable characters, on one line.
-
-    Returns it; raises Refusal for any other.
-    """
+    """Check a received text and return it. Raises Refusal unless it has at most `limit` characters, all printable."""
     if len(value) > limit:
         raise Refusal(Reason.LENGTH, f"{name} has {len(value)} characters; at most {limit} are allowed")
     if not value.isprintable():
@@ -42,7 +45,7 @@ def text(value: str, name: str, limit: int = MAX_NAME) -> str:
 
 
 def number(value: float, name: str, low: float, high: float) -> float:
-    """Check that a received number is finite and from low to high, both included. Returns it; raises Refusal if not."""
+    """Check a received number and return it. Raises Refusal unless it is finite and from low to high, both included."""
     if not math.isfinite(value):
         raise Refusal(Reason.NON_FINITE, f"{name} is {value}")
     if not low <= value <= high:
@@ -51,30 +54,33 @@ def number(value: float, name: str, low: float, high: float) -> float:
 
 
 def number_or_nan(value: float, name: str, low: float, high: float) -> float:
-    """Check a received number as `number` does, but also accept NaN, which stands for unknown.
+    """Check a received number and return it; NaN is accepted and means unknown.
 
-    Returns the number; raises Refusal if it is out of range.
+    Raises Refusal if the number is infinite, or not from low to high, both included.
     """
     return value if math.isnan(value) else number(value, name, low, high)
 
 
 def whole(value: int, name: str, high: int) -> int:
-    """Check a received whole number from 0 to high, both included. Returns it; raises Refusal if not."""
+    """Check a received whole number and return it. Raises Refusal unless it is from 0 to high, both included."""
     if not 0 <= value <= high:
         raise Refusal(Reason.RANGE, f"{name} is {value}: use 0 to {high}")
     return value
 
 
 def time_ns(value: int, name: str) -> int:
-    """Check a received time in ns since the Unix epoch, up to MAX_TIME_NS; 0 means none.
+    """Check a received time, ns since the Unix epoch, and return it; 0 means no time.
 
-    Returns it; raises Refusal if not.
+    Raises Refusal unless it is from 0 to MAX_TIME_NS.
     """
     return whole(value, name, MAX_TIME_NS)
 
 
 def member(kind: type[E], value: int, name: str) -> E:
-    """Convert a received number to a member of the enumeration `kind`; raises Refusal if it has none of this value."""
+    """Convert a received number to the member of an enumeration. Raises Refusal if no member has this value.
+
+    kind: the enumeration.
+    """
     try:
         return kind(value)
     except ValueError:
@@ -82,9 +88,9 @@ def member(kind: type[E], value: int, name: str) -> E:
 
 
 def vector(values: Iterable[float], name: str, n: int, low: float, high: float) -> NDArray[np.float64]:
-    """Convert exactly n received numbers, finite and from low to high, to a float64 array (n,).
+    """Convert received numbers, finite and from low to high, to a float64 array (n,), in the unit of the field.
 
-    Raises Refusal for other numbers.
+    Raises Refusal for another number of values, and for a value that is not finite or out of range.
     """
     array = np.array(values, dtype=np.float64)
     if len(array) == n and all(low <= value <= high for value in array.tolist()):
@@ -100,7 +106,7 @@ def vector(values: Iterable[float], name: str, n: int, low: float, high: float) 
 
 
 def rising(values: Sequence[int], name: str, high: int) -> Sequence[int]:
-    """Check that received whole numbers rise strictly, from 0 to high. Returns them; raises Refusal if not."""
+    """Check received whole numbers and return them. Raises Refusal unless they rise strictly, from 0 to high."""
     for before, value in pairwise((-1, *values)):
         if not before < value <= high:
             raise Refusal(
@@ -110,9 +116,9 @@ def rising(values: Sequence[int], name: str, high: int) -> Sequence[int]:
 
 
 def counts(values: Mapping[str, int], name: str) -> dict[str, int]:
-    """Check received counts by label: at most MAX_COUNTS labels, each a short printable text.
+    """Check received counts by label and return them: at most MAX_COUNTS labels, each a short printable text.
 
-    Returns the counts; raises Refusal if there are more, or a label is invalid.
+    Raises Refusal if there are more labels, or a label is invalid.
     """
     if len(values) > MAX_COUNTS:
         raise Refusal(Reason.LENGTH, f"{name} has {len(values)} labels; at most {MAX_COUNTS} are allowed")

@@ -1,6 +1,6 @@
-"""Encoding and decoding of windowed statistics: once a second per device, only while subscribed.
+"""Encoding and decoding of window statistics, with packed columns as in `batches`.
 
-Uses packed columns, as `batches` does.
+A device's messages are sent about once a second, only while subscribed.
 """
 
 import numpy as np
@@ -33,7 +33,7 @@ _INT64 = np.dtype("<i8")
 
 
 def encode_windows(batch: WindowBatch) -> bytes:
-    """Encode a WindowBatch as bytes, the payload of @windowed/<device>."""
+    """Encode a WindowBatch as bytes, the payload of bus key @windowed/<device>."""
     return columns.WindowBatch(
         version=VERSION,
         device=batch.device,
@@ -63,7 +63,7 @@ def encode_windows(batch: WindowBatch) -> bytes:
 
 
 def decode_windows(key: str, payload: bytes) -> WindowBatch:
-    """Decode and validate the payload of @windowed/<device> as a WindowBatch of 1 to MAX_WINDOWS windows.
+    """Decode and validate the payload of bus key @windowed/<device> as a WindowBatch of 1 to MAX_WINDOWS windows.
 
     Raises Refusal for an invalid message.
     """

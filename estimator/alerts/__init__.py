@@ -1,5 +1,5 @@
-"""Alerts to people: a trouble that lasts longer than its hold time becomes one alert, until it has ended for a while.
+"""Alerts to people: a fault that lasts longer than its hold time raises one alert, until the fault has ended.
 
-`board.py` decides (pure), `outbox.py` gathers what is to be sent and keeps quiet hours (pure),
-`sender.py` sends by apprise.
+`board.py` decides which alerts are raised and cleared, `outbox.py` groups them and keeps quiet hours (both pure).
+`sender.py` sends them by apprise.
 """

@@ -1,4 +1,4 @@
-"""Alert board of a device or an estimator: raises an alert that has held, and clears one that has ended. Pure."""
+"""Alert board of a device or an estimator: raises alerts when faults last, and clears them when faults end. Pure."""
 
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass, replace
@@ -9,7 +9,7 @@ from estimator.config.alerts import Alerts
 
 
 class Change(NamedTuple):
-    """An alert that was raised or acknowledged, or, if `cleared`, whose trouble has ended."""
+    """Change of an alert: raised, acknowledged or cleared. cleared: True if the fault of the alert has ended."""
 
     alert: Alert
     cleared: bool = False
@@ -26,11 +26,11 @@ class _Trouble:
 
 
 class Board:
-    """Troubles and standing alerts of one subject.
+    """Alert board of one device or estimator: its present faults and standing alerts.
 
-    An alert is raised while its trouble is there, once the trouble began at least its hold time ago. A trouble ends, and
-    its alert is cleared, when it was absent for `clear_s`: a trouble that comes and goes is one trouble. standing: alerts
-    raised before a restart or a takeover.
+    An alert is raised when its fault has lasted for the hold time in `settings`. The alert is cleared when the fault
+    has been absent for `clear_s`; a fault that returns earlier is the same fault.
+    standing: alerts raised before a restart or a takeover. now_s: monotonic time, s.
     """
 
     def __init__(self, settings: Alerts, standing: Iterable[Alert] = (), now_s: float = 0.0) -> None:
@@ -40,15 +40,14 @@ class Board:
 
     @property
     def standing(self) -> tuple[Alert, ...]:
-        """Standing alerts of the subject, oldest first."""
+        """Standing alerts of the device or estimator, oldest first."""
         found = (trouble.alert for trouble in self._troubles.values() if trouble.alert is not None)
         return tuple(sorted(found, key=lambda one: one.raised_ns))
 
     def look(self, kinds: Collection[str], now_s: float, now_ns: int) -> list[Change]:
-        """Update the board with the kinds of trouble that are present now.
+        """Update the board with the kinds of fault that are present now; returns the alerts raised or cleared by this.
 
-        Returns the alerts that this raised or cleared.
-        now_s: monotonic time, s; now_ns: time since the Unix epoch, ns.
+        now_s: monotonic time, s. now_ns: ns since the Unix epoch.
         """
         changes = list[Change]()
         for kind in kinds:
@@ -65,9 +64,9 @@ class Board:
         return changes
 
     def acknowledge(self, kind: str, who: str, now_ns: int) -> list[Change]:
-        """Note that `who` has seen the alert of a kind, or with "" all alerts; returns those not seen before.
+        """Mark alerts as acknowledged by a person; returns the alerts that were not acknowledged before.
 
-        now_ns: time since the Unix epoch, ns.
+        kind: kind of alert; "" for all. who: name of the person. now_ns: ns since the Unix epoch.
         """
         changes = list[Change]()
         for trouble in self._troubles.values():

@@ -1,4 +1,4 @@
-"""Outbox of alerts: gathers what is to be sent to people, and keeps quiet hours. Pure: time is an argument."""
+"""Outbox of alerts: groups alerts into messages for people, and keeps quiet hours. Pure: time is an argument."""
 
 from datetime import datetime
 from typing import NamedTuple
@@ -13,12 +13,18 @@ GATHER_S = 5.0
 
 
 def sentence(kind: str, subject: str) -> Sentence:
-    """Return an alert as a sentence to be worded later; subject: the device, with its placement, or the estimator."""
+    """Return an alert as a sentence that can be shown in any language.
+
+    kind: kind of alert. subject: id of the device, with its placement, or of the estimator.
+    """
     return Code.ALERT(subject=subject, label=f"alert_{kind}")
 
 
 class News(NamedTuple):
-    """An alert, or an all-clear (`cleared`), to be sent to people; subject: device or estimator."""
+    """Alert to be sent to people; an all-clear if `cleared` is True.
+
+    subject: id of a device or an estimator. placement: that of the device; None if unknown.
+    """
 
     subject: str
     placement: Placement | None
@@ -27,9 +33,9 @@ class News(NamedTuple):
 
 
 class Outbox:
-    """Queue of alerts to be sent; holds alerts during quiet hours, and gathers those that come together.
+    """Queue of alerts to be sent; holds alerts during quiet hours, and groups those of a few seconds in one message.
 
-    An all-clear is sent only for an alert that was sent; a short alert in quiet hours is not.
+    An all-clear is sent only if its alert was sent. An alert that is raised and cleared within quiet hours is not sent.
     """
 
     def __init__(self, settings: Alerts) -> None:
@@ -39,9 +45,9 @@ class Outbox:
         self._due_s = float("inf")
 
     def put(self, subject: str, placement: Placement | None, change: Change, now_s: float) -> None:
-        """Queue an alert or an all-clear at monotonic time now_s, s.
+        """Queue an alert or an all-clear. An unsent alert and its all-clear cancel each other.
 
-        An alert and its all-clear, both unsent, cancel each other.
+        subject: id of a device or an estimator. now_s: monotonic time, s.
         """
         key = subject, change.alert.kind
         before = self._waiting.pop(key, None)
@@ -51,9 +57,9 @@ class Outbox:
         self._due_s = min(self._due_s, now_s + GATHER_S)
 
     def take(self, now_s: float, local: datetime) -> list[News]:
-        """Return the news to be sent now, and forget them; empty while they are gathered, and in quiet hours.
+        """Remove and return the alerts to be sent now; empty while alerts are grouped, and in quiet hours.
 
-        now_s: monotonic time, s. local: wall clock time.
+        now_s: monotonic time, s. local: local wall-clock time.
         """
         if now_s < self._due_s or self.settings.quiet(local):
             return []

@@ -1,4 +1,4 @@
-"""Sends alerts to people by apprise (mail, ntfy, webhook …), on a thread of its own. The only file that imports apprise."""
+"""Sends alerts to people by apprise (mail, ntfy, webhook …), in its own thread. No other module imports apprise."""
 
 import logging
 import threading
@@ -27,7 +27,7 @@ Notify = Callable[[str, str], bool]
 class Sender:
     """Thread that sends a ward's alerts to people. A message that an address refuses is logged and not sent again.
 
-    Raises ConfigError for an address of the settings that cannot be used.
+    ward: name of the ward, for the title. Raises ConfigError for an address in the settings that cannot be used.
     """
 
     def __init__(self, ward: str, settings: Alerts) -> None:
@@ -49,7 +49,7 @@ class Sender:
             self._thread.start()
 
     def close(self) -> None:
-        """Stop the thread; waiting news are not sent, since another estimator or the next start has the alert."""
+        """Stop the thread. Waiting alerts are not sent; another estimator, or the next start, sends them."""
         self._stop.set()
         if self._thread.ident is not None:
             self._thread.join(_END_S)
@@ -72,7 +72,10 @@ class Sender:
 
 
 def message(ward: str, news: Sequence[News], language: str) -> tuple[str, str]:
-    """Word a message from news: its title and its body, alerts first, then all-clears. language: `en` or `zh`."""
+    """Compose a message from alerts: returns its title and its body, with alerts first, then all-clears.
+
+    ward: name of the ward. language: `en` or `zh`.
+    """
     lines = list[str]()
     for one in sorted(news, key=lambda one: (one.cleared, one.subject)):
         worn = f" ({one.placement})" if one.placement else ""
@@ -85,10 +88,10 @@ def message(ward: str, news: Sequence[News], language: str) -> tuple[str, str]:
 
 
 def by_apprise(urls: Sequence[str]) -> Notify:
-    """Return a function that sends a title and a body by apprise, and says whether every address took them.
+    """Return a function that sends a title and a body by apprise; it returns True if every address accepts them.
 
-    urls: addresses of apprise; without any, the function does nothing and returns True.
-    Raises ConfigError for a missing package or a wrong address.
+    urls: addresses in apprise's form; if empty, the function does nothing and returns True.
+    Raises ConfigError for a missing package or an invalid address.
     """
     if not urls:
         return lambda _title, _body: True

@@ -1,4 +1,4 @@
-"""The verb `alerts`: list the standing alerts of a ward, acknowledge one, or send a test message."""
+"""Verb `alerts`: lists the standing alerts of a ward, acknowledges one, or sends a test message."""
 
 import argparse
 import json

@@ -1,4 +1,4 @@
-"""The verb `truerate allan`: a device's noise from a recording at rest."""
+"""Verb `truerate allan`: computes the noise of a device from a recording at rest, by the Allan deviation."""
 
 import argparse
 import json

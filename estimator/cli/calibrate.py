@@ -1,4 +1,4 @@
-"""The verb `truerate calibrate`: calibrates from a recording, or guides a person with a live device."""
+"""Verb `truerate calibrate`: calibrates from a recording, or guides a person with a live device."""
 
 import argparse
 import json

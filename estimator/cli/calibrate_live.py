@@ -1,4 +1,4 @@
-"""The verb `truerate calibrate --live DEVICE`: guides a person through the calibration of a live device."""
+"""Verb `truerate calibrate --live DEVICE`: guides a person through the calibration of a live device."""
 
 import argparse
 import os
@@ -31,9 +31,9 @@ def add_live(verb: argparse.ArgumentParser) -> None:
 
 
 def live(given: argparse.Namespace) -> int:
-    """Guide a person through the calibration of one live device; returns 0 when it is calibrated, else 1.
+    """Guide a person through the calibration of one live device; returns 0 if it is calibrated, else 1.
 
-    Raises ConfigError for options that fit only a recording.
+    Raises ConfigError for options that apply to a recording only, and for an invalid time limit.
     """
     from estimator.client import Client  # noqa: PLC0415
     from estimator.config.device_settings import treatment  # noqa: PLC0415

@@ -1,4 +1,4 @@
-"""The verb `truerate cluster status`: the estimators of a ward, and which devices each owns."""
+"""Verb `truerate cluster status`: lists the estimators of a ward, and the devices that each owns."""
 
 import argparse
 from datetime import datetime

@@ -1,4 +1,4 @@
-"""The verbs that send commands to a ward's estimator: recalibrate, cancel, zero-heading, note, forget."""
+"""Verbs that send commands to a ward's estimator: recalibrate, cancel, zero-heading, note, forget."""
 
 import argparse
 import sys
@@ -55,10 +55,10 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
 
 
 def obey(given: argparse.Namespace, ask: Callable[["Client", str], CommandReply]) -> int:
-    """Send a command for the device named in the arguments, and print the reply.
+    """Send a command for the device named in the arguments, and print the reply; returns the exit code.
 
-    Returns the exit code, 0 if the command was accepted, else 1. ask(client, device): sends the command and returns the
-    reply.
+    ask(client, device): sends the command and returns the reply. The exit code is 0 if the command was accepted, else
+    1.
     """
     from estimator.client import Client  # noqa: PLC0415
 
@@ -98,6 +98,9 @@ def _note(given: argparse.Namespace) -> int:
 
 
 def answered(device: str, reply: CommandReply) -> int:
-    """Print the estimator's reply to a command; returns the exit code, 0 if it was accepted, else 1."""
+    """Print the estimator's reply to a command; returns the exit code: 0 if the command was accepted, else 1.
+
+    device: id, printed before the reply.
+    """
     print(f"{device}: {english(*reply.message)}", file=sys.stdout if reply.accepted else sys.stderr)
     return 0 if reply.accepted else 1

@@ -1,4 +1,4 @@
-"""The verb `truerate config check`: validates ward and router files, and checks that they fit together."""
+"""Verb `truerate config check`: validates ward and router files, and checks that they agree with each other."""
 
 import argparse
 import os

@@ -1,4 +1,4 @@
-"""The verb `truerate correct`: reads a recording; writes corrected rates, bias, standard deviations and quality."""
+"""Verb `truerate correct`: reads a recording, and writes corrected rates, bias, standard deviations and quality."""
 
 import argparse
 import json

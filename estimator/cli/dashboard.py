@@ -1,4 +1,4 @@
-"""The verb `truerate dashboard`: serves the ward's web page."""
+"""Verb `truerate dashboard`: serves the ward's web page."""
 
 import argparse
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The verb `truerate demo`: runs a small simulated ward on this machine."""
+"""Verb `truerate demo`: runs a small simulated ward on this machine."""
 
 import argparse
 import secrets

@@ -1,4 +1,4 @@
-"""The verbs that show a running ward: devices, status, watch."""
+"""Verbs that show a running ward: devices, status, watch."""
 
 import argparse
 

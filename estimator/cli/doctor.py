@@ -1,4 +1,4 @@
-"""The verb `truerate doctor`: finds faults of this machine or of a ward, and says what to do about each."""
+"""Verb `truerate doctor`: finds faults of this machine or of a ward, and advises on each."""
 
 import argparse
 import json
@@ -67,7 +67,10 @@ def _loops() -> Finding:
 
 
 def look(path: Path | None) -> Iterable[Finding]:
-    """Run all checks and yield their findings: of this machine, then of the ward of the file at `path`, if not None."""
+    """Run all checks and yield their findings: those of this machine, then those of a ward.
+
+    path: the ward file; None checks only this machine.
+    """
     plugged = [found.port for found in find()]
     ward: Ward | None = None
     said: list[Finding] = []

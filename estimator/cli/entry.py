@@ -1,4 +1,4 @@
-"""Entry point of `truerate`; Ctrl-C during loading ends it without a traceback."""
+"""Entry point of the command `truerate`; Ctrl-C during loading ends it without a traceback."""
 
 INTERRUPTED = 130
 

@@ -1,4 +1,4 @@
-"""The verb `truerate estimator serve`: runs the estimator service of a ward."""
+"""Verb `truerate estimator serve`: runs the estimator service of a ward."""
 
 import argparse
 import os

@@ -1,4 +1,4 @@
-"""The verb `truerate history`: one device's calibrations, boots, commands and bias from the store."""
+"""Verb `truerate history`: shows one device's calibrations, boots, commands and bias from the store."""
 
 import argparse
 import json

@@ -1,4 +1,4 @@
-"""The verb `truerate init`: sets up a ward on this machine."""
+"""Verb `truerate init`: sets up a ward on this machine."""
 
 import argparse
 import os

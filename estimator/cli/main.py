@@ -1,7 +1,7 @@
-"""The command `truerate`: parses the arguments and runs one verb.
+"""Main program of the command `truerate`: parses the arguments and runs one verb.
 
-An error is one line on standard error. Exit codes: 0 done, 1 a finding, a refusal by the data or a failure, 2 wrong
-usage or a wrong ward file, 130 Ctrl-C.
+An error is one line on standard error. Exit codes: 0 done; 1 a finding, a refusal because of the data, or a failure;
+2 wrong usage or an invalid ward file; 130 Ctrl-C.
 """
 
 import argparse
@@ -95,7 +95,7 @@ exit codes: 0 done; 1 a finding, a refusal by the data or a failure; 2 wrong usa
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run one command; returns the exit code. arguments: the words after `truerate`; None for those of this process."""
+    """Run one command; returns the exit code. arguments: words after `truerate`; None for those of this process."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")  # a terminal that cannot show ° or ± shows a substitute
@@ -190,7 +190,7 @@ def _first(words: Sequence[str]) -> str:
 
 
 def build(verb: str = "") -> argparse.ArgumentParser:
-    """Return the parser with every verb; for a known verb, with the verbs of its module alone."""
+    """Return the argument parser. verb: a known verb loads only the verbs of its module; any other loads all verbs."""
     parser: argparse.ArgumentParser = Parser(
         prog="truerate",
         description="Corrected angular rates, with an honest uncertainty, for every wearable IMU on a ward.",

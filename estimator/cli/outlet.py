@@ -1,4 +1,4 @@
-"""The verb `truerate outlet`: hands a ward's data to programs that do not speak zenoh."""
+"""Verb `truerate outlet`: passes a ward's data to programs that do not use zenoh."""
 
 import argparse
 import logging
@@ -19,9 +19,10 @@ log = logging.getLogger(__name__)
 
 
 class Outlet(NamedTuple):
-    """An outlet in the command line: what it does, an example, and the packages that it needs, by import name.
+    """Outlet in the command line: passes data to one kind of program.
 
-    The optional extra of the package truerate has the outlet's name.
+    does: help text. example: a command. needs: import names of the packages that it needs, separated by blanks; the
+    optional extra of truerate that installs them has the outlet's name.
     """
 
     does: str

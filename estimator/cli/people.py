@@ -1,4 +1,4 @@
-"""The verb `truerate people`: lists, adds and removes the people who may give commands on the ward's page."""
+"""Verb `truerate people`: lists, adds and removes the people who may give commands on the ward's page."""
 
 import argparse
 import getpass
@@ -119,9 +119,9 @@ def _hash(given: argparse.Namespace) -> str:
 
 
 def asked() -> str:
-    """Ask for a password twice and return it; without a terminal, read the first line of standard input.
+    """Ask for a password twice in the terminal and return it; without a terminal, read a line of standard input.
 
-    Raises ValueError if the two differ, or none was given.
+    Raises ValueError if the two passwords differ, or if no password is typed.
     """
     if not sys.stdin.isatty():
         return sys.stdin.readline().rstrip("\n")

@@ -1,4 +1,4 @@
-"""Checks the output path of a picture before the computation."""
+"""Check of a picture's output path, made before the computation."""
 
 import os
 from pathlib import Path
@@ -9,10 +9,10 @@ KINDS = (".png", ".svg", ".pdf")
 
 
 def check(option: str, path: Path) -> None:
-    """Refuse a path that cannot hold a picture; missing folders are made later.
+    """Check that a picture can be written to a path; missing folders are made later.
 
-    Raises ConfigError for an unknown ending, an unusable folder, and an existing file of another kind. An existing file
-    may be overwritten only if it is a picture drawn by Matplotlib, or empty.
+    option: name of the option, for the error. An existing file may be overwritten only if Matplotlib drew it, or if it
+    is empty. Raises ConfigError for an unknown ending, an unusable folder, and an existing file of another kind.
     """
     if path.suffix.lower() not in KINDS:
         raise ConfigError(f"{option} {path}: unknown file type {path.suffix!r}; use {', '.join(KINDS)}")
@@ -35,7 +35,10 @@ def _is_drawn(path: Path) -> bool:
 
 
 def check_folder(option: str, path: Path) -> None:
-    """Refuse an output file whose folder cannot be written to or made. Raises ConfigError, which names `option`."""
+    """Check that the folder of an output file can be written to or made.
+
+    option: name of the option, for the error. Raises ConfigError if the folder cannot be used.
+    """
     folder = next(above for above in path.absolute().parents if above.exists())
     if not folder.is_dir():
         raise ConfigError(f"{option} {path}: {folder} is not a folder; give another path")

@@ -1,4 +1,4 @@
-"""The verb `placement`: say, list and end where and by whom devices are worn."""
+"""Verb `placement`: states, lists and ends the placements of devices on wearers."""
 
 import argparse
 import json

@@ -1,4 +1,4 @@
-"""The verb `truerate qualify`: tests an installation against a known truth, and writes a report to sign."""
+"""Verb `truerate qualify`: tests an installation with simulated data of known truth, and writes a report to sign."""
 
 import argparse
 import platform

@@ -1,4 +1,4 @@
-"""Options of the verbs that read a recording: which device and boot, and what the file does not say."""
+"""Options of the verbs that read a recording: device, boot, and facts that the file does not state."""
 
 import argparse
 from math import radians
@@ -22,16 +22,16 @@ HOLDS = """recordings:
 
 
 def recorded(given: argparse.Namespace) -> Recording:
-    """Load the recording that the arguments name, as its options say. Raises RecordingError if it cannot be used."""
+    """Load the recording that the arguments name, in SI units. Raises RecordingError if it cannot be used."""
     return load(given.file, device=given.device, reading=reading_of(given))
 
 
 def check_range(given: argparse.Namespace) -> None:
-    """Raise ConfigError for a full-scale range (--range-dps, °/s) that no gyro has."""
+    """Check the option --range-dps, full-scale range in °/s. Raises ConfigError unless it is 0 to MAX_RANGE_DPS."""
     if not 0 <= given.range_dps <= MAX_RANGE_DPS:
         raise ConfigError(f"--range-dps is {given.range_dps:g}: give 0 (unknown) to {MAX_RANGE_DPS}")
 
 
 def gyro_range(given: argparse.Namespace, recording: Recording) -> float:
-    """Return the full-scale range, rad/s: as given, else as recorded; 0 when unknown."""
+    """Return the full-scale range, rad/s: the given one, else the recorded one; 0 if unknown."""
     return radians(given.range_dps) or recording.gyro_range

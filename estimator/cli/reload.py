@@ -1,4 +1,4 @@
-"""The verb `truerate reload`: checks a changed ward file, and shows what the running programs have taken from it."""
+"""Verb `truerate reload`: checks a changed ward file, and shows which settings the running programs use."""
 
 import argparse
 import time
@@ -57,10 +57,10 @@ def _reload(given: argparse.Namespace) -> int:
 def asked(
     bus: Bus, routers: Routers, ward: Ward, digest: str, patience_s: float = _PATIENCE_S
 ) -> Iterator[tuple[Member, CommandReply]]:
-    """Ask the running programs of a ward which settings of their files they use; yields (program, reply).
+    """Ask the running programs of a ward which settings they use; yields pairs of program and reply.
 
-    A program is given patience_s to read a content of this digest. With a certificate that is not a commander's, only
-    the program of the same certificate may be asked.
+    digest: checksum of the ward file; each program gets up to patience_s seconds to read a file with this checksum.
+    If the certificate of `routers` is not a commander's, only the program with that certificate is asked.
     """
     for member in _members(bus, routers, ward):
         key, deadline = (
@@ -77,9 +77,9 @@ def asked(
 
 
 def said(reply: CommandReply, digest: str) -> str:
-    """Return a program's reply in words.
+    """Return a program's reply as text for a person.
 
-    digest: that of the file asked about; the reply names the file that was read.
+    digest: checksum of the ward file asked about. The text says so if the program has read another file.
     """
     other = "" if reply.request_id == digest else "it has not read this file but another one. Of that: "
     return f"{other}{english(*reply.message)}"

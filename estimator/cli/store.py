@@ -1,4 +1,4 @@
-"""The verbs about the estimator's store: store backup, store check, store verify, store restore."""
+"""Verbs for the estimator's store: store backup, store check, store verify, store restore."""
 
 import argparse
 import json

@@ -1,4 +1,4 @@
-"""Options that name an estimator's store, and the paths that they give."""
+"""Options that name an estimator's store, and the paths that follow from them."""
 
 import argparse
 from pathlib import Path
@@ -22,9 +22,9 @@ def add_store(verb: argparse.ArgumentParser) -> None:
 
 
 def backups_of(given: argparse.Namespace) -> "Backups":
-    """Return the paths of the store and its backups, as the options and the ward file say.
+    """Return the paths of the store and its backups, from the options and the ward file.
 
-    Raises ConfigError for a ward file without [estimator].
+    Raises ConfigError for an invalid ward file, or one without [estimator].
     """
     from estimator.config.schema import Estimator, Ward  # noqa: PLC0415
     from estimator.database import Backups  # noqa: PLC0415

@@ -1,4 +1,4 @@
-"""The verbs that measure the methods by simulation: `truerate study ...`."""
+"""Verbs `truerate study ...`: measure the calibration methods by simulation."""
 
 import argparse
 from pathlib import Path

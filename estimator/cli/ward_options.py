@@ -1,4 +1,4 @@
-"""Finds a verb's ward and routers from its options, and the person who runs it."""
+"""Options that name a ward: finds the ward, its routers, and the person who runs the command."""
 
 import argparse
 import getpass
@@ -12,10 +12,10 @@ from bridge.toml.loader import ConfigError
 
 
 def ward_of(given: argparse.Namespace, *roles: Role) -> tuple[str, Routers]:
-    """Return the ward's name and its routers, as the options and the ward file say.
+    """Return the ward's name and its routers, from the options and the ward file.
 
-    roles: one of these is needed; by default the roles that may look. Raises ConfigError, also if the file's
-    certificate has another role.
+    roles: roles of the certificate of which one is needed; by default those that may receive messages.
+    Raises ConfigError for an invalid ward file, and for a certificate with another role.
     """
     from estimator.config.schema import Ward  # noqa: PLC0415
 
@@ -27,13 +27,13 @@ def ward_of(given: argparse.Namespace, *roles: Role) -> tuple[str, Routers]:
 
 
 def listening(given: argparse.Namespace, ward: str) -> None:
-    """Print on standard error which ward is listened to, since the answer takes some seconds."""
+    """Print the name of the ward that is listened to on standard error, since the answer takes some seconds."""
     default = "" if given.config or given.ward else " (the default; name another with --config or --ward)"
     print(f"listening to ward {ward}{default} …", file=sys.stderr)
 
 
 def person() -> str:
-    """Return the user's name for the audit; the user's number if there is no name, as in many containers."""
+    """Return the user's name, for the audit; `uid-NUMBER` if the user has no name, as in many containers."""
     try:
         return getpass.getuser()
     except (KeyError, OSError, ImportError):

@@ -1,4 +1,4 @@
-"""Subscriber session on a ward's bus: message streams, current state, and commands to the estimator."""
+"""Client of a ward: message streams, current state, and commands to the estimator."""
 
 import time
 import uuid
@@ -39,12 +39,14 @@ T = TypeVar("T")
 
 
 class Client:
-    """Subscriber session on the bus of one ward; open one client for each ward.
+    """Client of one ward: a session on its bus, which streams messages and sends commands to the estimator.
 
     endpoints: addresses of routers, such as `tcp/10.0.0.5:7447`. ward: name of the ward. bus: an open session to use
     instead of connecting to endpoints.
-    Raises BusError when no router answers, and Refusal when `ward` is not a valid id. Routers reject denied
-    subscriptions silently. `denied` and the log state what this client's certificate does not permit.
+    `denied` and the log state what this client's certificate does not permit, because routers reject subscriptions
+    silently.
+    Raises BusError if no router answers, and Refusal if `ward` is not a valid id. Its methods raise Refusal for an
+    invalid device id.
     """
 
     def __init__(self, endpoints: str | Sequence[str] = (LOCAL,), *, ward: str, bus: Bus | None = None) -> None:
@@ -57,7 +59,7 @@ class Client:
 
     @property
     def connected(self) -> bool:
-        """True if a router is connected now. While disconnected no message arrives, and the client retries for ever."""
+        """True if a router is connected now. Otherwise no message arrives, and the client keeps trying to connect."""
         return self._bus.connected
 
     def corrected(
@@ -71,13 +73,14 @@ class Client:
         queue: int = QUEUE,
         quiet: bool = False,
     ) -> Corrected:
-        """Stream of corrected batches (CorrectedBatch, rates in rad/s), each sample exactly once and in order.
+        """Return a stream of corrected batches (rates in rad/s, sensor frame), each sample exactly once and in order.
 
-        device: one device id, several ids, or None for every device of the ward. With `history` the last seconds come
-        first. Iteration ends after idle_s seconds without a batch, or when the stream is closed. Missing samples are
-        waited for wait_s seconds, or at least 3 s where another estimator publishes the samples after the hole. Then
-        the hole is given up, counted in `missing` and reported to on_miss. Beyond `queue` unread messages the oldest
-        are dropped. If the named devices send nothing for five seconds, the log says so, unless `quiet`.
+        device: one device id, several ids, or None for every device of the ward. history: True delivers the last
+        seconds first. idle_s: iteration ends after this time without a batch, or when the stream is closed.
+        wait_s: time to wait for missing samples; at least 3 s if another estimator publishes the samples after the gap.
+        A gap that is not filled is counted in `missing` and reported to on_miss.
+        queue: largest number of unread messages; beyond it, the oldest are dropped.
+        quiet: False logs a warning if the named devices send nothing for five seconds.
         Raises ValueError for an empty list of devices, as every stream of this class does.
         """
         device = device if device is None or isinstance(device, str) else tuple(device)
@@ -90,105 +93,123 @@ class Client:
         return Corrected(subscription, idle_s, wait_s, on_miss, nothing if named and not quiet else "")
 
     def rates(self, device: Devices = None) -> Stream[codec.Rates]:
-        """Stream of live corrected rates without history, reordering or waiting, for a program that shows many devices.
+        """Return a stream of live corrected rates, for a program that shows many devices.
 
-        Each message has a device id and rates (n, 3) float32 in rad/s. A sample may arrive twice when two estimators
-        publish it.
+        Each message has a device id and rates (n, 3) float32, rad/s, sensor frame. There is no history, no reordering
+        and no waiting. A sample may arrive twice if two estimators publish it. device: one id, several ids, or None for
+        all.
         """
         return self._stream("corrected", codec.decode_rates, device, history=False)
 
     def revisions(
         self, device: Devices = None, *, history: bool = True, idle_s: float | None = None, queue: int = QUEUE
     ) -> Stream[BiasRevision]:
-        """Stream of bias revisions: better estimates of the past bias, in rad/s.
+        """Return a stream of bias revisions: better estimates of the past bias, in rad/s.
 
-        With `history` the last few come first. Iteration ends after idle_s seconds without a revision, or when the
-        stream is closed. Beyond `queue` unread messages the oldest are dropped. `revised` applies a revision to a
-        batch.
+        `revised` applies a revision to a batch. device: one id, several ids, or None for all. history: True delivers
+        the last few revisions first. idle_s: iteration ends after this time without a revision, or when the stream is
+        closed.
+        queue: largest number of unread messages; beyond it, the oldest are dropped.
         """
         return self._stream("revision", codec.decode_revision, device, idle_s, history=history, queue=queue)
 
     def orientation(
         self, device: Devices = None, *, idle_s: float | None = None, queue: int = QUEUE
     ) -> Stream[OrientationBatch]:
-        """Stream of attitudes: quaternions sensor to earth, scalar first, covariance in rad² (docs/orientation.md).
+        """Return a stream of attitudes: quaternions sensor to earth, scalar first, and covariance in rad².
 
-        A message follows each corrected batch. Attitudes are computed only while somebody subscribes, from about a
-        second later on, and have no history. Iteration ends after idle_s seconds without a message, or when the stream
-        is closed.
+        A message follows each corrected batch (docs/orientation.md). Attitudes are computed only while a program
+        subscribes, starting about a second after the subscription; there is no history. device: one id, several ids, or
+        None for all.
+        idle_s: iteration ends after this time without a message, or when the stream is closed. queue: largest number of
+        unread messages; beyond it, the oldest are dropped.
         """
         return self._stream("orientation", codec.decode_orientation, device, idle_s, history=False, queue=queue)
 
     def windows(
         self, device: Devices = None, *, idle_s: float | None = None, queue: int = QUEUE
     ) -> Stream[WindowBatch]:
-        """Stream of window statistics at 10 Hz, for readings and corrected rates in rad/s.
+        """Return a stream of window statistics at 10 Hz, of readings and corrected rates in rad/s.
 
-        Each window has mean, standard deviation, minimum and maximum. For programs that show many devices. Messages
-        arrive about once a second, without history, and are made only while somebody subscribes. Iteration ends after
-        idle_s seconds without a message, or when the stream is closed.
+        For programs that show many devices. Each window has mean, standard deviation, minimum and maximum. Messages
+        arrive about once a second, without history, and are made only while a program subscribes. device: one id,
+        several ids, or None for all.
+        idle_s: iteration ends after this time without a message, or when the stream is closed. queue: largest number of
+        unread messages; beyond it, the oldest are dropped.
         """
         return self._stream("@windowed", codec.decode_windows, device, idle_s, history=False, queue=queue)
 
     def raw(self, device: Devices = None, *, history: bool = True, queue: int = QUEUE) -> Stream[SampleBatch]:
-        """Stream of raw readings as the bridges publish them: gyro in rad/s; where known m/s² and °C.
+        """Return a stream of raw readings as the bridges publish them, in SI units, sensor frame.
 
-        With `history` the last seconds come first. Beyond `queue` unread messages the oldest are dropped.
+        Gyro in rad/s; accelerometer in m/s² and temperature in °C if the device has them. device: one id, several ids,
+        or None for all. history: True delivers the last seconds first. queue: largest number of unread messages; beyond
+        it, the oldest are dropped.
         """
         return self._stream("raw", codec.decode_samples, device, history=history, queue=queue)
 
     def follow(self, device: Devices = None) -> Stream[Status]:
-        """Stream of device statuses (state, quality, bias, counts); the latest known status of each device comes first.
+        """Return a stream of device statuses: state, quality, bias in rad/s, and counts.
 
-        Statuses of an estimator that has lost the device to another one are left out.
+        The latest status of each device comes first. Statuses of an estimator that has lost the device to another
+        estimator are left out. device: one id, several ids, or None for all.
         """
         return self._stream("status", codec.decode_status, device, wanted=_current())
 
     def follow_infos(self, device: Devices = None) -> Stream[DeviceInfo]:
-        """Stream of device infos (identity, settings, sample counts) from every bridge that lists a device.
+        """Return a stream of device infos (identity, settings, sample counts) from every bridge that lists a device.
 
-        The latest known info comes first.
+        The latest known info comes first. device: one id, several ids, or None for all.
         """
         return self._stream("info", codec.decode_info, device)
 
     def follow_calibrations(self, device: Devices = None) -> Stream[Calibration]:
-        """Stream of calibrations of devices, accepted or rejected; the last few of each device come first."""
+        """Return a stream of calibrations, accepted or rejected; the last few of each device come first.
+
+        device: one id, several ids, or None for all.
+        """
         return self._stream("calibration", codec.decode_calibration, device)
 
     def follow_notes(self, device: Devices = None) -> Stream[Note]:
-        """Stream of notes: texts that people attach to a moment of a device. The last few of each device come first."""
+        """Return a stream of notes, which people attach to a moment of a device; the last few of each device come first.
+
+        device: one id, several ids, or None for all.
+        """
         return self._stream("note", codec.decode_note, device)
 
     def follow_owned(self) -> Stream[Owned]:
-        """Stream of ownership messages: the devices each estimator owns, its load, and alerts of the estimator itself.
+        """Return a stream of ownership messages: the devices of each estimator, its load, and its own alerts.
 
         Each estimator sends one at least once a second. There is no history.
         """
         return self._stream("owned", codec.decode_owned, history=False)
 
     def statuses(self, wait_s: float = 1.5, device: str | None = None) -> dict[str, Status]:
-        """Listen for wait_s seconds; returns the latest status by device id, of all devices or of the one named.
+        """Return the latest status by device id, after listening for wait_s seconds.
 
-        Every estimator publishes each status once a second.
+        Every estimator publishes each status once a second. device: id; None for all devices.
         """
         return {status.device: status for status in self.follow(device).collect(wait_s)}
 
     def calibrations(self, device: str | None = None, wait_s: float = 0.5) -> list[Calibration]:
-        """Listen for wait_s seconds; returns recent calibrations of one device or of all, accepted or rejected."""
+        """Return the recent calibrations, accepted or rejected, after listening for wait_s seconds.
+
+        device: id; None for all devices.
+        """
         return self.follow_calibrations(device).collect(wait_s)
 
     def owned(self, wait_s: float = 1.3) -> list[Owned]:
-        """Listen for wait_s seconds and return the estimators' ownership messages: who owns which device.
+        """Return the estimators' ownership messages, the devices of each estimator, after listening for wait_s seconds.
 
         Each estimator sends one at least once a second.
         """
         return self._stream("owned", codec.decode_owned).collect(wait_s)
 
     def alive(self, what: str, wait_s: float = 0.3) -> list[str]:
-        """Sorted ids of the live processes of one kind: `what` is `bridge` or `estimator`.
+        """Return the sorted ids of the live processes of one kind; empty if there is none.
 
-        The search takes wait_s seconds, and up to NONE_S seconds more while no process is found. Empty if there is
-        none.
+        what: `bridge` or `estimator`. The search takes wait_s seconds, and up to NONE_S seconds more while no process
+        is found.
         """
         found: dict[str, bool] = {}
         watch = self.watch_alive(what, found.__setitem__)
@@ -200,8 +221,9 @@ class Client:
         return sorted(name for name, there in found.copy().items() if there)
 
     def watch_alive(self, what: str, on_change: Callable[[str, bool], None]) -> Declared:
-        """Call on_change(id, alive) for each live `bridge` or `estimator` and each change, on a thread of the bus.
+        """Watch the live processes of one kind: call on_change(id, alive) for each one now, and for each change.
 
+        what: `bridge` or `estimator`. on_change: called in a thread of the bus; `alive` is True if the process runs.
         Returns the handle of the watch; close the handle to end it.
         """
 
@@ -215,58 +237,63 @@ class Client:
         """Request a new calibration of a device.
 
         who: name of the person or program that asks, for the audit. reason: free text.
-        Returns the estimator's reply: accepted or refused, with a message. Raises BusError when no estimator answers.
+        Returns the estimator's reply: accepted or refused, with a message. Raises BusError if no estimator answers.
         """
         return self._command(device, "recalibrate", who, reason)
 
     def cancel(self, device: str, who: str, reason: str = "") -> CommandReply:
-        """Cancel a running calibration of a device; the previous calibration stays in force.
+        """Cancel a running calibration of a device; the previous calibration stays in use.
 
-        Returns the estimator's reply: accepted or refused, with a message. Raises BusError when no estimator answers.
+        who: name of the person or program that asks, for the audit. reason: free text.
+        Returns the estimator's reply: accepted or refused, with a message. Raises BusError if no estimator answers.
         """
         return self._command(device, "cancel", who, reason)
 
     def note(self, device: str, who: str, text: str) -> CommandReply:
-        """Attach a text to this moment of a device. The text is stored in the audit table and published for recordings.
+        """Attach a text to the present moment of a device; it is stored in the audit table and published for recordings.
 
-        Returns the estimator's reply; an empty text is refused. Raises BusError when no estimator answers.
+        who: name of the person or program, for the audit. Returns the estimator's reply, which refuses an empty text.
+        Raises BusError if no estimator answers.
         """
         return self._command(device, "note", who, text)
 
     def forget(self, device: str, who: str, reason: str = "", *, erase: bool = False) -> CommandReply:
-        """Remove a device that sends no more from the ward.
+        """Remove a device from the ward that no longer sends.
 
-        erase: also delete its entries in the store, except its audit.
-        Returns the estimator's reply; a device that still sends or is enrolled is refused. Raises BusError if no
+        who: name of the person or program that asks, for the audit. reason: free text. erase: True also deletes its
+        entries in the store, except its audit.
+        Returns the estimator's reply, which refuses a device that still sends or is enrolled. Raises BusError if no
         estimator answers.
         """
         return self._command(device, "erase" if erase else "forget", who, reason)
 
     def zero_heading(self, device: str, who: str, reason: str = "") -> CommandReply:
-        """Make a device's present heading zero.
+        """Set a device's present heading to zero.
 
-        Returns the estimator's reply: accepted or refused, with a message. Raises BusError when no estimator answers.
+        who: name of the person or program that asks, for the audit. reason: free text.
+        Returns the estimator's reply: accepted or refused, with a message. Raises BusError if no estimator answers.
         """
         return self._command(device, "zero-heading", who, reason)
 
     def place(self, device: str, who: str, placement: Placement) -> CommandReply:
-        """State where on the body and by whom a device is worn from now on; an empty placement ends the present one.
+        """Set the placement of a device from now on: its place on a body, and the wearer.
 
-        Returns the estimator's reply: accepted or refused, with a message. Raises BusError when no estimator answers.
+        placement: an empty one ends the present one. who: name of the person or program, for the audit.
+        Returns the estimator's reply: accepted or refused, with a message. Raises BusError if no estimator answers.
         """
         return self._command(device, "place", who, "", placement)
 
     def acknowledge(self, subject: str, who: str, kind: str = "") -> CommandReply:
-        """Acknowledge an alert: a person has seen it. With kind "", all alerts of the subject.
+        """Acknowledge an alert: a person has seen it.
 
-        subject: id of a device or an estimator. kind: kind of alert, such as `lost` or `battery_low`.
-        Returns the estimator's reply; with nothing to acknowledge it is refused. Raises BusError when no estimator
-        answers.
+        subject: id of a device or an estimator. who: name of the person. kind: kind of alert, such as `lost` or
+        `battery_low`; "" for all alerts of the subject.
+        Returns the estimator's reply, which refuses if there is no such alert. Raises BusError if no estimator answers.
         """
         return self._command(subject, "acknowledge", who, kind)
 
     def close(self) -> None:
-        """Close the bus session, which ends the streams; a bus that was passed to the constructor stays open."""
+        """Close the bus session, which ends the streams; a session that was passed as `bus` stays open."""
         if self._own:
             self._bus.close()
 

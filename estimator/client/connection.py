@@ -1,4 +1,4 @@
-"""Report what a subscriber's certificate does not permit it to receive."""
+"""Check of a subscriber's certificate: reports the messages that it does not permit the program to receive."""
 
 import logging
 from collections.abc import Sequence
@@ -15,9 +15,10 @@ log = logging.getLogger(__name__)
 
 
 def denied(bus: Bus, endpoints: Sequence[str], ward: str) -> tuple[str, ...]:
-    """Reasons why no message of a ward may arrive although a router is connected; empty if no fault is known.
+    """Return reasons why no message of a ward may arrive although a router is connected; empty if no fault is known.
 
-    Checks the role of this program's certificate and what the routers let it receive. Each reason is also logged.
+    Checks the role of this program's certificate, and the messages that the routers deliver to it. Each reason is also
+    logged. endpoints: addresses of the routers.
     """
     routers = Routers.of(endpoints)
     if routers.identity is None:

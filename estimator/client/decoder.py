@@ -1,4 +1,4 @@
-"""Decode bus messages; count refused messages by reason and log the first of each reason."""
+"""Decoder of bus messages for a subscriber: counts refused messages by reason, and logs the first of each reason."""
 
 import logging
 from collections.abc import Callable
@@ -12,7 +12,7 @@ T = TypeVar("T")
 
 
 class Decoder(Generic[T]):
-    """Decoder for one kind of message; counts the messages that cannot be decoded in `refused`, by reason.
+    """Decoder for one kind of message; counts messages that cannot be decoded in `refused`, by reason.
 
     name: kind of message, for logs and counts. decode(key, payload): returns the message or raises Refusal.
     """
@@ -23,7 +23,7 @@ class Decoder(Generic[T]):
         self._decode = decode
 
     def take(self, message: Message) -> T | None:
-        """Decode a message from the bus; returns None if it is refused, and counts the refusal."""
+        """Decode a message from the bus; returns None, and counts the refusal, if it is invalid."""
         try:
             return self._decode(message.key, message.payload)
         except Refusal as refusal:

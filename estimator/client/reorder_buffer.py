@@ -1,10 +1,12 @@
-"""Reorder buffer of a subscriber: each sample once and in order, by device, boot and sequence number. Pure.
+"""Reorder buffer of a subscriber: delivers each sample once and in order, by device, boot and sequence number. Pure.
 
-A batch that arrives early is held until the samples before it arrive, or for a bounded time. After that time the absent
-samples are reported as missing. Where several estimators publish a sample, the one with the highest epoch is delivered.
+A batch that arrives early is held until the samples before it arrive, for a bounded time. After that time the absent
+samples are reported as missing. If several estimators publish a sample, the one with the highest epoch is delivered.
+An epoch is the number of an estimator's ownership of a device.
+
 A sample with an older epoch than the last delivered sample waits for HANDOVER_S, since the present owner may still
-publish it. So an estimator that hung and resumes is ignored while another owns its device, and no sample is lost where
-no other estimator owns the device.
+publish it. Therefore an estimator that resumes after a hang is ignored while another estimator owns its device. If no
+other estimator owns the device, no sample is lost.
 """
 
 from bisect import bisect_left
@@ -31,9 +33,9 @@ MISTAKEN_NS = 30_000_000_000
 
 @dataclass(frozen=True, slots=True)
 class Miss:
-    """Report of a hole: samples `first` to `first + count - 1` of a device's boot did not arrive.
+    """Report of a gap: `count` samples of a device's boot, from sequence number `first` on, did not arrive.
 
-    first: sequence number. count: number of samples. told: the sample after the hole carries the flag AFTER_GAP.
+    boot: 64-bit boot number. told: True if the sample after the gap has the flag AFTER_GAP.
     """
 
     device: str
@@ -61,11 +63,11 @@ class _Boot:
 
 
 class ReorderBuffer:
-    """Buffer that takes batches in any order and puts batches and misses into `ready` in delivery order.
+    """Reorder buffer: takes batches in any order, and puts batches and reports of gaps into `ready` in delivery order.
 
-    wait_s: seconds to wait for missing samples. boots: largest number of boots remembered.
-    `repeated` counts samples left out because they were duplicates, or came after being reported as missing. `missing`
-    counts samples reported as missing, by device. `now` is seconds of a steady clock.
+    wait_s: time to wait for missing samples. boots: largest number of boots remembered.
+    repeated: number of samples left out because they were duplicates, or came after being reported as missing.
+    missing: number of samples reported as missing, by device.
     """
 
     def __init__(self, wait_s: float = WAIT_S, boots: int = BOOTS) -> None:
@@ -77,9 +79,10 @@ class ReorderBuffer:
         self._waiting: dict[_Boot, None] = {}  # in the order in which they began to wait
 
     def feed(self, batch: CorrectedBatch, now: float) -> None:
-        """Add a batch received at `now`, monotonic seconds. Batches whose turn has come go to `ready`.
+        """Add a received batch; put into `ready` all batches that can be delivered now.
 
-        A batch that came before its predecessors is held until they arrive or its wait ends (`overdue`).
+        now: time of a steady clock, s. A batch that came before its predecessors is held until they arrive, or until
+        `overdue` ends its wait.
         """
         boot, n = self._boot(batch), len(batch)
         if batch.sequence == boot.next and not boot.held and batch.epoch >= boot.latest.epoch:
@@ -100,13 +103,13 @@ class ReorderBuffer:
             self._advance(boot, 1)
 
     def due(self) -> float:
-        """Time at which the first wait of a held batch ends, in seconds of the steady clock; inf if none is held."""
+        """Return the time at which the first wait of a held batch ends, s of the steady clock; inf if no batch is held."""
         return min((held.due_s for boot in self._waiting for held in boot.held), default=inf)
 
     def overdue(self, now: float) -> None:
-        """Deliver held batches whose wait has ended at `now`, and report the samples missing before them.
+        """Deliver held batches whose wait has ended, and report the samples missing before them.
 
-        now: seconds of the steady clock; inf delivers every held batch.
+        now: time of the steady clock, s; inf delivers every held batch.
         """
         for boot in list(self._waiting):
             waited = [n for n, held in enumerate(boot.held, 1) if held.due_s <= now]

@@ -1,4 +1,4 @@
-"""Apply a BiasRevision to past corrected batches (docs/wire.md)."""
+"""Application of a bias revision to past corrected batches (docs/wire.md)."""
 
 from dataclasses import replace
 
@@ -14,10 +14,12 @@ SAME_TIME_NS = 1_000_000_000
 
 
 def revised(batch: CorrectedBatch, revision: BiasRevision) -> CorrectedBatch:
-    """Correct a published batch with the revised bias, for the samples the revision covers; others stay unchanged.
+    """Return a batch with its rates recomputed from the revised bias, for the samples that the revision covers.
 
-    Returns a new batch; the same batch if no sample is covered. A batch has one `bias` and one `bias_std` (3,), rad/s:
-    the mean bias subtracted from its samples, and the largest std.
+    Other samples stay unchanged; a batch without covered samples is returned itself.
+    Method: rate + matrix (published bias − revised bias), in rad/s, sensor frame. The revised bias is interpolated
+    linearly between the points of the revision.
+    The result's `bias` (3,) is the mean bias of its samples, its `bias_std` (3,) the largest standard deviation, rad/s.
     """
     covered = covers(revision, batch)
     if not covered.any():
@@ -35,9 +37,10 @@ def revised(batch: CorrectedBatch, revision: BiasRevision) -> CorrectedBatch:
 
 
 def covers(revision: BiasRevision, batch: CorrectedBatch) -> NDArray[np.bool_]:
-    """Mask (n,) of the samples of a batch that a revision covers.
+    """Return a mask (n,), True for each sample of a batch that a revision covers.
 
-    Device, boot and calibration must be equal, and each sample's number and time (± SAME_TIME_NS) within the revision.
+    Device, boot and calibration must be equal. The sample's number and time (± SAME_TIME_NS) must be within the
+    revision.
     """
     if (batch.device, batch.boot, batch.calibration) != (revision.device, revision.boot, revision.calibration):
         return np.zeros(len(batch), np.bool_)

@@ -1,4 +1,4 @@
-"""Iterators over bus messages, for `for` and `async for`, with one bounded queue between the bus and the program."""
+"""Iterators over bus messages, for `for` and `async for`, with a bounded queue between the bus and the program."""
 
 import asyncio
 import logging
@@ -27,11 +27,13 @@ NOTHING_S = 5.0
 class Stream(AsyncIterator[T], Generic[T]):
     """Iterator over messages of one kind, for one thread or for the tasks of one event loop.
 
-    decoder: turns bus messages into T; refused messages are skipped and counted. wanted(message): whether to deliver
-    it.
+    decoder: converts bus messages to T; invalid messages are skipped and counted. wanted(message): True if the message
+    is to be delivered. idle_s: iteration ends after this time without a message, or when the stream or its client is
+    closed.
+    nothing: warning to log if no message arrives within NOTHING_S; empty for no warning.
 
-    Iteration ends after idle_s seconds without a message, or when the stream or its client is closed. A program that
-    reads too slowly affects only itself: the oldest unread messages are dropped, counted in `dropped` and logged once.
+    If a program reads too slowly, the oldest unread messages are dropped, counted in `dropped`, and logged once. Other
+    programs are not affected.
     """
 
     def __init__(
@@ -50,12 +52,12 @@ class Stream(AsyncIterator[T], Generic[T]):
 
     @property
     def refused(self) -> dict[str, int]:
-        """Number of messages that could not be decoded, by reason of the refusal."""
+        """Number of messages that could not be decoded, by reason."""
         return self._decoder.refused.as_dict()
 
     @property
     def missed(self) -> int:
-        """Number of messages known to be lost, in transit or because this program was too slow."""
+        """Number of messages lost in transit, or because this program was too slow."""
         return self._subscription.missed
 
     @property
@@ -69,20 +71,20 @@ class Stream(AsyncIterator[T], Generic[T]):
         return self._subscription.caught_up
 
     def receive(self, timeout_s: float) -> T | None:
-        """Wait for the next message; None when no message arrives within timeout_s."""
+        """Wait for the next message and return it; None if no message arrives within timeout_s."""
         return self.pop() if self.wait(timeout_s) else None
 
     def drain(self, timeout_s: float = 0.0) -> list[T]:
-        """Take all messages that have arrived, oldest first; waits at most timeout_s for the first. May be empty."""
+        """Return all messages that have arrived, oldest first; waits at most timeout_s for the first. May be empty."""
         self.wait(timeout_s)
         return list(iter(self.pop, None))
 
     def latest(self) -> T | None:
-        """The newest message since the last call, or None if none came; older ones are discarded. Does not wait."""
+        """Return the newest message since the last call, or None if none came; discard older messages. Does not wait."""
         return next(reversed(self.drain()), None)
 
     def collect(self, for_s: float) -> list[T]:
-        """Return all messages of the next for_s seconds, oldest first, and close the stream."""
+        """Return all messages that arrive within for_s seconds, oldest first, and close the stream."""
         deadline, found = time.monotonic() + for_s, list[T]()
         while (left_s := deadline - time.monotonic()) > 0.0:
             found += self.drain(left_s)
@@ -90,14 +92,14 @@ class Stream(AsyncIterator[T], Generic[T]):
         return found
 
     def wait(self, timeout_s: float) -> bool:
-        """Wait up to timeout_s seconds for a message; returns whether one is there for `pop`."""
+        """Wait up to timeout_s seconds for a message; returns True if `pop` can return one."""
         deadline = time.monotonic() + timeout_s
         while not self._ready and self._take(max(0.0, deadline - time.monotonic())):
             pass
         return bool(self._ready)
 
     def pop(self) -> T | None:
-        """Take the next message without waiting; None if none is ready. Call `wait` first to fetch messages."""
+        """Return the next message without waiting; None if none is ready. Call `wait` first to fetch messages."""
         return self._ready.popleft() if self._ready else None
 
     def close(self) -> None:
@@ -155,9 +157,10 @@ class Stream(AsyncIterator[T], Generic[T]):
 
 
 class Corrected(Stream[CorrectedBatch]):
-    """Iterator over corrected batches: each sample once and in order, across restarts of estimator and router.
+    """Iterator over corrected batches: each sample once and in order, also across restarts of estimator and router.
 
-    on_miss is called for each hole when it is given up, between the batch before it and the batch after it.
+    wait_s: time to wait for missing samples. on_miss: called for each gap that is not filled, between the batch before
+    it and the batch after it. nothing: warning to log if no message arrives within NOTHING_S; empty for no warning.
     """
 
     def __init__(
@@ -179,11 +182,11 @@ class Corrected(Stream[CorrectedBatch]):
 
     @property
     def missing(self) -> dict[str, int]:
-        """Number of samples given up as missing, by device id."""
+        """Number of samples reported as missing, by device id."""
         return dict(self._buffer.missing)
 
     def pop(self) -> CorrectedBatch | None:
-        """Take the next ordered batch without waiting, or None; reports holes to on_miss on the way."""
+        """Return the next batch in order without waiting, or None if none is ready; reports gaps before it to on_miss."""
         while self._buffer.ready:
             event = self._buffer.ready.popleft()
             if isinstance(event, CorrectedBatch):

@@ -1,4 +1,4 @@
-"""The estimator's tables of a ward's file, and the settings that follow from a kind of device.
+"""Configuration of the estimator: its tables of a ward's file, and the settings for each kind of device.
 
 Start reading at `schema.Ward`.
 """

@@ -1,4 +1,4 @@
-"""The table [alerts] of a ward's file: when something that needs a person becomes an alert, and to whom it is sent."""
+"""Table [alerts] of a ward's file: hold times of faults before an alert, and the addresses that alerts are sent to."""
 
 import os
 import re
@@ -28,7 +28,10 @@ _HOURS = re.compile(r"([01]\d|2[0-3]):([0-5]\d)-([01]\d|2[0-3]):([0-5]\d)\Z")
 
 
 class Alerts(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Alerts: hold times, quiet hours, and where alerts are sent. The page shows alerts in any case."""
+    """Alerts: hold times, quiet hours, and the addresses that alerts are sent to. The page shows alerts in any case.
+
+    Raises ValueError for an unknown kind of alert, and for a value out of range.
+    """
 
     #: seconds until a trouble is an alert, by kind: `{ lost = 120, uncalibrated = 1800 }`; docs/alerts.md has the defaults
     hold_s: dict[str, float] = {}
@@ -55,11 +58,11 @@ class Alerts(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
             raise ValueError(f"language is {self.language!r}; allowed: 'en' or 'zh'")
 
     def hold(self, kind: str) -> float:
-        """Return how long a trouble of a kind must last before it is an alert, s."""
+        """Return the time that a fault of a kind must last before it raises an alert, s."""
         return self.hold_s.get(kind, HOLD_S[Kind(kind)])
 
     def quiet(self, local: datetime) -> bool:
-        """Return whether a local wall-clock time is within the quiet hours, which may span midnight."""
+        """Return True if a local wall-clock time is within the quiet hours, which may span midnight."""
         if (match := _HOURS.match(self.quiet_hours)) is None:
             return False
         numbers = [int(one) for one in match.groups()]
@@ -67,7 +70,7 @@ class Alerts(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
         return begin <= now < end if begin <= end else now >= begin or now < end
 
     def urls(self) -> list[str]:
-        """Return the addresses to send alerts to, from the file and the environment.
+        """Return the addresses that alerts are sent to, from the file `urls_file` and the environment.
 
         Raises ConfigError if the file cannot be read.
         """

@@ -1,6 +1,6 @@
-"""The table [dashboard] of a ward's file: where the page listens, and which people may give commands.
+"""Table [dashboard] of a ward's file: the address of the page, and the people who may give commands.
 
-Which programs may recalibrate is the router's rule; docs/security.md states both.
+The router's rules decide which programs may give commands; docs/security.md describes both.
 """
 
 import re
@@ -21,7 +21,10 @@ PERSON_ROLES: tuple[PersonRole, ...] = get_args(PersonRole)
 
 
 class Person(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A person who may recalibrate, cancel and note: one [[dashboard.people]] table."""
+    """A person who may recalibrate, cancel and note: one [[dashboard.people]] table.
+
+    Raises ValueError for an invalid name, and for a password that is not a hash.
+    """
 
     name: str
     #: hash of the password, as `truerate people` writes it; never the password itself
@@ -36,7 +39,10 @@ class Person(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
 
 class OpenId(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Login by an OpenID Connect provider, such as the hospital's; needs `pip install 'truerate[openid]'`."""
+    """Login by an OpenID Connect provider, such as the hospital's; needs `pip install 'truerate[openid]'`.
+
+    Raises ValueError for an invalid issuer, and without roles.
+    """
 
     #: address of the provider, as in its tokens
     issuer: str
@@ -59,7 +65,10 @@ class OpenId(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
 
 class Dashboard(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """The dashboard's web page. Everybody who reaches it may look; the people listed may also give commands."""
+    """The dashboard's web page. Everybody who can reach the page may look; the listed people may also give commands.
+
+    Raises ValueError for an invalid or contradictory setting.
+    """
 
     #: address and port
     listen: str = "127.0.0.1:8090"

@@ -1,4 +1,4 @@
-"""Turns a device's noise model into the settings of its session: stillness, prior and tracking."""
+"""Conversion of a device's noise model to the settings of its session: stillness, prior and tracking."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -26,9 +26,11 @@ _TOLERANCES, _BY_HAND = 2.0, 0.01
 
 
 def knobs_of(model: NoiseModel, knobs: SessionKnobs | None = None) -> SessionKnobs:
-    """Derive a device's session settings from its noise model.
+    """Derive a device's session settings, in SI units, from its noise model; where axes differ, the worst axis decides.
 
-    Settings that the model does not give are those of `knobs`. Where the axes differ, the worst axis decides.
+    The bias instability, the flat part of the Allan deviation, enters twice: as a rate random walk and as flicker
+    noise.
+    knobs: settings that the model does not determine; None for the defaults.
     """
     knobs = knobs or SessionKnobs()
     noise = float(model.arw.max()) * (_USUAL_HZ / 2) ** 0.5
@@ -50,10 +52,11 @@ def knobs_of(model: NoiseModel, knobs: SessionKnobs | None = None) -> SessionKno
 
 
 def knobs_of_stated(words: str, knobs: SessionKnobs | None = None) -> SessionKnobs:
-    """Return the session settings of a device without a model in the ward file: those of the model it states itself.
+    """Return the session settings of a device without a model in the ward file, from the model that the device states.
 
-    Range and tolerance of the scale stay generic: they depend on settings and libraries that the name of a chip does
-    not tell, and no turn is refused because of a name. words: the device's own, empty if unknown.
+    words: model as the device states it; empty if unknown. Range, scale tolerance and scale limit stay those of the
+    generic model: the name of a chip does not tell them, and no turn is refused because of a name. knobs: settings that
+    the model does not determine; None for the defaults.
     """
     usual, name = knobs_of(load_model(GENERIC), knobs), model_stated(words)
     if not name:
@@ -64,10 +67,12 @@ def knobs_of_stated(words: str, knobs: SessionKnobs | None = None) -> SessionKno
 
 
 class Treatment:
-    """Session settings of each device of a ward, as its [estimator] table says, else as the device states its model.
+    """Session settings of each device of a ward, from its [estimator] table, else from the model that the device states.
 
-    Programs that must agree with the estimator use it too.
-    usual: settings before any model; model: name or file for all devices; models: the same by device id.
+    The estimator uses these settings, as do programs whose results must agree with it.
+    usual: settings that no model determines; None for the defaults. model: name or file of the noise model of all
+    devices.
+    models: the same by device id.
     """
 
     def __init__(
@@ -77,7 +82,7 @@ class Treatment:
         self._made = dict[tuple[str, str], SessionKnobs]()
 
     def of(self, device: str, words: str = "") -> SessionKnobs:
-        """Return the session settings of one device. words: the model that the device states, empty if unknown."""
+        """Return the session settings of one device. words: model as the device states it; empty if unknown."""
         told = self.told(device)
         key = (told, "" if told else model_stated(words))
         if key not in self._made:
@@ -85,12 +90,15 @@ class Treatment:
         return self._made[key]
 
     def told(self, device: str) -> str:
-        """Return the model (a name or a file) that the ward file gives for a device; empty if it gives none."""
+        """Return the noise model (a name or a file) that the ward file states for a device; empty if it states none."""
         return self._models.get(device, self._model)
 
 
 def treatment(told: "Estimator | None") -> Treatment:
-    """Return the device settings of an [estimator] table, as its estimator uses them; None gives the defaults."""
+    """Return the device settings that follow from an [estimator] table, as its estimator uses them.
+
+    told: the table; None for the defaults.
+    """
     if told is None:
         return Treatment()
     usual = SessionKnobs(method=told.method, warming_s=told.warming_s, horizontal_turns=told.horizontal_turns)
@@ -98,5 +106,5 @@ def treatment(told: "Estimator | None") -> Treatment:
 
 
 def learning(knobs: SessionKnobs) -> SessionKnobs:
-    """Return a copy of the settings with which a worn device's gravity readings refine scale and misalignment."""
+    """Return a copy of the settings in which gravity readings of a worn device refine its scale and misalignment."""
     return replace(knobs, track=replace(knobs.track, learn_matrix=True))

@@ -1,6 +1,6 @@
-"""People of a ward: where they are listed, and changes to that file in place.
+"""File that lists the people of a ward: finds, reads and edits it.
 
-They stand in the ward file, or in the file that it names as `people_file`, which is a ward file with people only.
+People are listed in the ward file, or in the file that its key `people_file` names: a ward file with people only.
 """
 
 import re
@@ -22,37 +22,38 @@ _TABLES, _AFTER = re.compile(r"^(?=\[)", re.MULTILINE), re.compile(r"(?:^[ \t]*(
 
 
 def file_of(path: Path, ward: Ward) -> Path:
-    """Return the file that lists the people of a ward. path: the ward file."""
+    """Return the file that lists the people of a ward: `people_file` if set, else the ward file. path: the ward file."""
     return Path(ward.dashboard.people_file or path)
 
 
 def people_in(path: Path) -> tuple[Person, ...]:
-    """Return the people that a file lists; () for a missing file. Raises ConfigError for an invalid file."""
+    """Return the people that a file lists; empty for a missing file. Raises ConfigError for an invalid file."""
     return load(path, Ward).dashboard.people if path.exists() else ()
 
 
 def with_people(settings: Dashboard, people: tuple[Person, ...]) -> Dashboard:
-    """Return the dashboard's settings with these people. Raises ValueError where two have the same name."""
+    """Return a copy of the dashboard's settings with these people. Raises ValueError if two have the same name."""
     return replace(settings, people=people, people_file="")
 
 
 def empty(ward: str) -> str:
-    """Return the text of a people file that lists nobody yet."""
+    """Return the text of a people file without people. ward: name of the ward."""
     return f'# People of ward {ward}, for its page. To change them: truerate people\nward = "{ward}"\n'
 
 
 def put(path: Path, ward: str, person: Person) -> None:
-    """Add a person to a file, or replace the one of that name; all else stays, comments too.
+    """Add a person to a people file, or replace the person of that name; other text stays, including comments.
 
-    Raises ConfigError for a file that is or would become invalid, OSError where it cannot be written.
+    ward: name of the ward, for a new file. Raises ConfigError if the file is or would become invalid, and OSError if it
+    cannot be written.
     """
     _change(path, ward, person.name, person)
 
 
 def remove(path: Path, name: str) -> None:
-    """Remove a person from a file; all else stays.
+    """Remove a person from a people file; other text stays, including comments.
 
-    Raises ConfigError for an invalid file, OSError if it cannot be written.
+    Raises ConfigError for an invalid file, and OSError if it cannot be written.
     """
     _change(path, "", name, None)
 

@@ -1,4 +1,4 @@
-"""The estimator's part of a ward's file: the [estimator] table, and the file's root with all tables typed."""
+"""Schema of the estimator's part of a ward's file: the table [estimator], and the whole file with all tables typed."""
 
 import os
 from pathlib import Path
@@ -14,7 +14,10 @@ from estimator.noise.device_model import load_model
 
 
 class Estimator(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """The estimator: its id, its store, and how it calibrates."""
+    """The estimator: its id, its store, and how it calibrates.
+
+    Raises ValueError for an invalid setting.
+    """
 
     #: name of the estimator in keys and certificates
     id: str
@@ -66,7 +69,10 @@ class Estimator(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
 
 class Ward(schema.Root, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """The whole ward file, with typed tables [estimator], [dashboard] and [alerts] besides those of schema.Root."""
+    """Whole ward file, with typed tables [estimator], [dashboard] and [alerts] besides those of schema.Root.
+
+    Raises ValueError if two programs are to listen on the same address.
+    """
 
     estimator: Estimator | None = None
     dashboard: Dashboard = Dashboard()

@@ -1,4 +1,4 @@
-"""The estimator's SQLite store: open, check, write, back up and restore it. No other room imports sqlite3.
+"""SQLite store of the estimator: open, check, write, back up and restore it. No other package imports sqlite3.
 
 Public class: `Database`.
 """

@@ -1,4 +1,4 @@
-"""Backs up a store while it is in use, keeps the newest copies, and restores a store from a backup."""
+"""Backups of a store: copies it while in use, keeps the newest copies, and restores a store from a copy."""
 
 import logging
 import os
@@ -23,9 +23,10 @@ PERIOD_S = 82800.0
 
 @dataclass(frozen=True, slots=True)
 class Backups:
-    """Backups of one store, in a folder: NAME-00012.sqlite3. Numbers give their order, because a clock may be wrong.
+    """Backups of one store, as files NAME-00012.sqlite3 in a folder.
 
-    store: path of the store's file. folder: folder of the backups.
+    The number gives the order, because a clock may be wrong. store: path of the store's file. folder: folder of the
+    backups.
     """
 
     store: Path
@@ -33,7 +34,7 @@ class Backups:
 
     @classmethod
     def of(cls, store: Path | str, folder: Path | str | None = None) -> "Backups":
-        """Describe the backups of a store in the given folder, by default `backups` beside the store. Reads no file."""
+        """Return the Backups of a store in a folder, by default `backups` beside the store. No file is read."""
         return cls(Path(store), Path(folder or Path(store).parent / "backups"))
 
     def newest_first(self) -> list[Path]:
@@ -45,17 +46,18 @@ class Backups:
         return []
 
     def due(self, now_s: float) -> bool:
-        """Return whether it is time for a backup: none is newer than 23 hours at now_s, seconds since the Unix epoch.
+        """Return True if a backup is due: the newest one is at least 23 hours old, or there is none.
 
-        A newest backup dated in the future does not count, since the clock was wrong.
+        now_s: s since the Unix epoch. A newest backup dated in the future counts as due, because the clock was wrong.
         """
         made = [one.stat().st_mtime for one in self.newest_first()[:1]]
         return not made or not 0 <= now_s - made[0] < PERIOD_S
 
     def make(self) -> Path:
-        """Make a backup, and remove all but the newest KEEP. Returns the path of the new backup.
+        """Make a backup, and remove all but the newest KEEP backups; returns the path of the new one.
 
-        Raises Damaged if the copy is not intact, Empty if the store is empty, or Unavailable.
+        Raises Empty if the store has no entries, Damaged if the copy is not intact, and Unavailable if a file cannot be
+        read or written.
         """
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
@@ -72,21 +74,24 @@ class Backups:
 
 
 def copies_of(estimator: str) -> str:
-    """Folder in an object-storage bucket for the copies of an estimator's backups. estimator: its id."""
+    """Return the folder, in an object-storage bucket, for copies of an estimator's backups. estimator: its id."""
     return f"backups/{estimator}"
 
 
 def name_of_copy(backup: Path) -> str:
-    """File name for a backup's copy in a bucket: with the backup's time, since numbers begin again with a new store."""
+    """Return the file name of a backup's copy in a bucket.
+
+    The name includes the backup's time, because numbers start again with a new store.
+    """
     made = time.strftime("%Y%m%dT%H%M%SZ", time.gmtime(backup.stat().st_mtime))
     return f"{backup.stem}-{made}{backup.suffix}"
 
 
 def back_up(store: Path, to: Path) -> None:
-    """Copy the store's file `store`, in use or not, into a checked, self-contained file `to`.
+    """Copy a store, in use or not, to a checked, self-contained file `to`.
 
-    Raises StoreError if `to` exists, and Empty if the store has no entries: a copy of it would be useless as a backup.
-    Raises Damaged if the copy is not intact, or Unavailable.
+    Raises StoreError if `to` exists, Empty if the store has no entries, and Damaged if the copy is not intact. Raises
+    Unavailable if a file cannot be read or written.
     """
     if to.exists():
         raise StoreError(f"{to} exists already; give another name, or remove the file")
@@ -107,10 +112,10 @@ def back_up(store: Path, to: Path) -> None:
 
 
 def restore(store: Path, backup: Path) -> str:
-    """Replace a store with a copy of a sound backup; no estimator may have the store open.
+    """Replace a store with a copy of an intact backup; no estimator may have the store open.
 
     Returns the path under which the previous file is kept; empty if there was none. Raises StoreError if the backup is
-    not sound.
+    not intact.
     """
     checked(backup).close()
     aside, part = set_aside(store), store.with_name(store.name + ".part")
@@ -121,10 +126,10 @@ def restore(store: Path, backup: Path) -> str:
 
 
 def make_sound(store: Path, backups: Backups) -> str:
-    """Ensure that there is a sound store: the file itself, else the newest sound backup, else a new store.
+    """Ensure that there is an intact store: the file itself, else its newest intact backup, else a new store.
 
-    Returns a text for a person: what was wrong and what was done; empty if all was well. Raises StoreError if the file
-    is not a store, or Unavailable.
+    Returns a text for a person: the fault and the repair; empty if the store was intact. Raises StoreError if the file
+    is not a store, and Unavailable if a file cannot be read or written.
     """
     notes: list[str] = []
     known = backups.newest_first()
@@ -163,7 +168,7 @@ def rescue(db: sqlite3.Connection, store: Path) -> str:
     """Rewrite a store from an open connection, because its file was removed or replaced while in use.
 
     Returns the path under which the replacing file is kept; empty if there was none. The caller must then close every
-    connection of the process. Raises Unavailable, or Damaged if the copy is not intact.
+    connection of the process. Raises Unavailable if a file cannot be written, and Damaged if the copy is not intact.
     """
     try:
         store.parent.mkdir(parents=True, exist_ok=True)
@@ -190,9 +195,9 @@ def _copied(db: sqlite3.Connection, part: Path, store: Path) -> dict[str, int]:
 
 
 def begin(part: Path) -> Path:
-    """Create an empty file `part` to be filled, replacing a file, link or pipe of that name. Returns its path.
+    """Create an empty file `part`, replacing a file, link or pipe of that name; returns its path.
 
-    Raises OSError, which says why it failed; SQLite's error would not.
+    Raises OSError, whose message states the cause; SQLite's own error would not.
     """
     part.unlink(missing_ok=True)
     part.open("xb").close()
@@ -200,7 +205,7 @@ def begin(part: Path) -> Path:
 
 
 def set_aside(store: Path) -> str:
-    """Rename a store's file and its write-ahead log out of the way, to NAME.aside-TIME.
+    """Rename a store's file and its write-ahead log to NAME.aside-TIME.
 
     Returns the new path; empty if there was neither file.
     """

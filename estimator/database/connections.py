@@ -1,4 +1,4 @@
-"""Opens SQLite connections to a store, one to write and any number to read, and checks a store."""
+"""SQLite connections to a store: opens one to write and any number to read, and checks a store."""
 
 import logging
 import sqlite3
@@ -23,7 +23,7 @@ _MAGIC, _APPLICATION = b"SQLite format 3\0", slice(68, 72)
 
 
 def to_write(path: Path | str, connect: Connect = sqlite3.connect) -> sqlite3.Connection:
-    """Open a writing connection; commits are on disk when they return, and no transaction begins implicitly.
+    """Open a connection to write a store; a commit is on disk when it returns, and no transaction begins implicitly.
 
     connect: sqlite3.connect, or a test's substitute. Raises sqlite3.Error if the file cannot be opened or written.
     """
@@ -40,19 +40,21 @@ def to_write(path: Path | str, connect: Connect = sqlite3.connect) -> sqlite3.Co
 
 
 def to_read(path: Path) -> sqlite3.Connection:
-    """Open a read-only connection; it leaves no file beside a store that nobody has open. Raises sqlite3.Error."""
+    """Open a read-only connection to a store. Raises sqlite3.Error if that fails.
+
+    No file is left beside a store that no other process has open.
+    """
     alone = "" if log_of(path).exists() else "&immutable=1"
     uri = f"{path.absolute().as_uri()}?mode=ro{alone}"
     return sqlite3.connect(uri, uri=True, timeout=5.0, isolation_level=None, check_same_thread=False)
 
 
 def checked(path: Path, *, ours: bool = False) -> sqlite3.Connection:
-    """Open a read-only connection to a store, after checking that the store is intact.
+    """Check that a store is intact, and return a read-only connection to it.
 
-    ours: the file is known to be a store, even if its header is damaged.
-
-    Raises Damaged if the content is not what was written, StoreError if the file is not a store, Unavailable if it
-    cannot be read.
+    ours: True if the file is known to be a store, even if its header is damaged.
+    Raises Damaged if the content differs from what was written, and StoreError if the file is missing or not a store.
+    Raises Unavailable if the file cannot be read.
     """
     db = None
     try:
@@ -98,7 +100,7 @@ def _is_ours(path: Path) -> bool:
 class Inspection:
     """Result of checking a store's file.
 
-    fault: why the file is not sound; empty if it is. rows: number of rows by table of a sound store.
+    fault: damage that was found; empty if the store is intact. rows: number of rows by table, of an intact store.
     """
 
     path: str
@@ -107,14 +109,14 @@ class Inspection:
 
     @property
     def sound(self) -> bool:
-        """True if the store's content is as it was written."""
+        """True if the store is intact."""
         return not self.fault
 
 
 def inspect(path: Path) -> Inspection:
-    """Check a store, in use or not; returns the fault or the number of rows of each table.
+    """Check a store, in use or not; returns the damage, or the number of rows of each table.
 
-    Raises StoreError if the file does not exist, is not a store or cannot be read; damage is returned as a fault.
+    Raises StoreError if the file does not exist, is not a store or cannot be read. Damage raises no error.
     """
     try:
         db = checked(path)

@@ -1,4 +1,4 @@
-"""An open store: written from one thread, read from any. A failure is reported, and the next write tries again."""
+"""Open store, written by one thread and read by any thread. A failure is reported, and the next write tries again."""
 
 import logging
 import os
@@ -23,14 +23,14 @@ _MEMORY = ":memory:"
 
 
 class Database:
-    """An open store (SQLite file) and its backups. One thread may write, any thread may read.
+    """Open store (SQLite file) and its backups. One thread may write, any thread may read.
 
     path: the store's file, or `:memory:`. backups: folder of the backups, by default `backups` beside the store.
-    alone: no other process may have the store open for writing.
-    patient: if the file cannot be opened or read, `trouble` says why and queries find nothing; no error is raised.
-    connect: sqlite3.connect, or a test's substitute.
+    alone: True allows no other process to open the store for writing.
+    patient: True raises no error if the file cannot be opened or read; `trouble` states the cause, and queries return
+    no rows. connect: sqlite3.connect, or a test's substitute.
 
-    Raises StoreError if the file is not a store, Unavailable if it cannot be opened.
+    Raises StoreError if the file is not a store, and Unavailable if it cannot be opened.
     """
 
     def __init__(
@@ -69,7 +69,7 @@ class Database:
 
     @classmethod
     def reading(cls, path: Path | str) -> Self:
-        """Open a store for reading only, whether an estimator uses it or not. Raises StoreError if it is not sound."""
+        """Open a store for reading only, in use or not. Raises StoreError if it is not an intact store."""
         self = cls(_MEMORY)
         self.close()
         self.path, self._read_only = str(path), True
@@ -95,15 +95,16 @@ class Database:
     ) -> list[Row]:
         """Return the rows of a table that fulfil a condition, as dicts by column.
 
-        where: SQL condition with a `?` for each of `values`. order: SQL columns to sort by. limit: most rows; negative
-        for all. Raises StoreError; a patient database returns an empty list instead.
+        where: SQL condition with a `?` for each of `values`. order: SQL columns to sort by. limit: largest number of
+        rows; negative for all. Raises StoreError if the query fails; a patient database returns an empty list instead.
         """
         return self.select(f"SELECT * FROM {table} WHERE {where} ORDER BY {order} LIMIT {limit}", values)  # noqa: S608 - our own words
 
     def select(self, sql: str, values: Sequence[object] = ()) -> list[Row]:
-        """Return the rows that an SQL query finds, as dicts by column. values: one for each `?` of the query.
+        """Return the rows that an SQL query finds, as dicts by column.
 
-        Raises StoreError if the query fails; a patient database returns an empty list instead.
+        values: one for each `?` of the query. Raises StoreError if the query fails; a patient database returns an empty
+        list instead.
         """
         try:
             with self._telling():
@@ -121,9 +122,9 @@ class Database:
 
     @contextmanager
     def transaction(self) -> Iterator[None]:
-        """Context in which all statements are written together or not at all; they are on disk at its end.
+        """Open a transaction as a context: all its statements are written, or none; they are on disk at its end.
 
-        A transaction within another belongs to the outer one. Raises StoreError if the store cannot be written.
+        A transaction inside another belongs to the outer one. Raises StoreError if the store cannot be written.
         """
         if self._within:
             yield
@@ -149,10 +150,10 @@ class Database:
         self._worked()
 
     def execute(self, sql: str, values: Sequence[object] | Mapping[str, object] = ()) -> int:
-        """Execute a writing SQL statement; returns how many rows it changed.
+        """Execute an SQL statement that writes; returns the number of rows changed.
 
-        values: for the placeholders of the statement. Outside of `transaction` the statement is a transaction by
-        itself. Raises StoreError if the store cannot be written.
+        values: for the placeholders of the statement. A statement outside a `transaction` is a transaction of its own.
+        Raises StoreError if the store cannot be written.
         """
         with self._telling():
             changed = self._to_write().execute(sql, values).rowcount
@@ -161,15 +162,16 @@ class Database:
         return changed
 
     def insert(self, table: str, row: Row, conflict: str = "") -> None:
-        """Add a row to a table; conflict: SQL that follows the row, such as `ON CONFLICT DO NOTHING`.
+        """Add a row to a table.
 
-        row: values by column. Raises StoreError if the store cannot be written.
+        row: values by column. conflict: SQL that follows the row, such as `ON CONFLICT DO NOTHING`. Raises StoreError
+        if the store cannot be written.
         """
         places = ", ".join("?" * len(row))
         self.execute(f"INSERT INTO {table} ({', '.join(row)}) VALUES ({places}) {conflict}", tuple(row.values()))  # noqa: S608 - our own words
 
     def look(self) -> None:
-        """Check that the open file is still at its path; if not, set `trouble`, and the next write restores the file.
+        """Check that the open file is still at its path, and set `trouble` if not; the next write then restores the file.
 
         Callable from any thread.
         """
@@ -188,7 +190,7 @@ class Database:
     def back_up_if_due(self) -> None:
         """Make a backup if the newest one is older than 23 hours; callable from any thread.
 
-        A failure is logged and kept in `backup_fault`. Damage found by the backup is repaired by the next write.
+        A failure is logged and kept in `backup_fault`. Damage that the backup finds is repaired by the next write.
         """
         if self.path == _MEMORY:
             return

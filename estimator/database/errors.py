@@ -1,4 +1,4 @@
-"""Errors of a store, and their translation from SQLite's errors."""
+"""Errors of a store, and their translation from errors of SQLite."""
 
 import sqlite3
 
@@ -13,19 +13,19 @@ _DAMAGED = {sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB}
 
 
 class StoreError(Exception):
-    """Error of a store: it could not be opened, read or written. The message says which file, why, and what to do."""
+    """A store cannot be opened, read or written. The message names the file, the cause, and what to do."""
 
 
 class Empty(StoreError):
-    """Error of a backup: the store has no entries to back up."""
+    """A store has no entries to back up."""
 
 
 class Unavailable(StoreError):
-    """Error that may pass: the disk is full, read-only or failing, or another process holds the store's file."""
+    """A store cannot be used now: the disk is full, read-only or failing, or another process holds the file."""
 
 
 class Damaged(StoreError):
-    """Error of a damaged store: its content is not what was written. `why` says what was found."""
+    """A store is damaged: its content differs from what was written. why: the damage that was found."""
 
     def __init__(self, path: object, why: object) -> None:
         super().__init__(f"store {path} is damaged: {why}; `truerate store restore` replaces it by a backup")
@@ -33,7 +33,7 @@ class Damaged(StoreError):
 
 
 def translated(path: str, error: Exception) -> StoreError:
-    """Translate an error of SQLite or the operating system into a StoreError; returns it, does not raise.
+    """Return the StoreError for an error of SQLite or the operating system; it is returned, not raised.
 
     Damaged for corrupt content, Unavailable for a fault that may pass, else a plain StoreError. path: the store's file.
     """

@@ -1,7 +1,7 @@
-"""Locks a store for one estimator; the system releases the locks however that estimator ends.
+"""Locks of a store for one estimator; the system releases them however that estimator ends.
 
 `owned` locks a file beside the store, before the store is checked, restored or made. `hold` locks the store's file
-itself, so that a symbolic or hard link is no way around the lock.
+itself, so that a symbolic or hard link cannot bypass the lock.
 """
 
 import errno
@@ -21,10 +21,10 @@ log = logging.getLogger(__name__)
 
 @contextmanager
 def owned(path: str) -> Iterator[None]:
-    """Hold the lock of the store at `path` during the context, so that no other estimator uses the store.
+    """Lock the store at `path` for the duration of a context, so that no other estimator uses the store.
 
-    Raises StoreError if another process holds the lock. If no file can be written beside the store, there is no lock,
-    and a warning is logged.
+    Raises StoreError if another process holds the lock, or the lock file is a symbolic link. If no file can be written
+    beside the store, there is no lock, and a warning is logged.
     """
     place = Path(f"{path}.lock")
     try:
@@ -44,7 +44,7 @@ def owned(path: str) -> Iterator[None]:
 
 
 def hold(path: Path) -> int:
-    """Lock the store's file itself; returns the descriptor that holds the lock.
+    """Lock the store's file itself; returns the file descriptor that holds the lock.
 
     Close the descriptor after every SQLite connection to the file. Raises StoreError if another process holds the lock
     or the file is not a regular file, and OSError if it cannot be opened.
@@ -60,9 +60,9 @@ def hold(path: Path) -> int:
 
 
 def check_free(path: Path) -> None:
-    """Check that no other process holds the lock of a store's file; a missing file is free.
+    """Check that no other process holds the lock of a store's file; a missing file counts as free.
 
-    Raises StoreError if another process holds it.
+    Raises StoreError if another process holds the lock, or if the file is not a regular file.
     """
     try:
         os.close(hold(path))

@@ -1,8 +1,9 @@
-"""Tables of a store, and the check that a store is intact.
+"""Schema of a store: creates the tables, and checks that a store is intact.
 
 Each table has an index over all its columns. The index serves the queries and holds each value a second time. SQLite's
-integrity check compares the two, so a flipped bit in either is found. The version stands in the SQL too: if the tables
-are those of this version, a flipped bit in the header's version does no harm.
+integrity check compares the two, so that it finds a flipped bit in either.
+The schema version is also in the SQL text. A flipped bit in the header's version is harmless if the tables are those of
+this version.
 """
 
 import sqlite3
@@ -73,10 +74,10 @@ def create(db: sqlite3.Connection) -> None:
 
 
 def check(db: sqlite3.Connection, path: object) -> None:
-    """Check a store's schema and content.
+    """Check that an open database is a store of this schema, and that its content is intact.
 
-    path: the file, for messages. Raises StoreError if it is not a store of this schema, Damaged if its content is
-    not what was written.
+    path: the file, for messages. Raises StoreError for another schema, and Damaged if the content differs from what was
+    written.
     """
     version, application = (_pragma(db, name) for name in ("user_version", "application_id"))
     found = _described(db)
@@ -97,7 +98,7 @@ def check(db: sqlite3.Connection, path: object) -> None:
 
 
 def rows_of(db: sqlite3.Connection) -> dict[str, int]:
-    """Return the number of rows by table, for the tables with entries of devices."""
+    """Return the number of rows by table, for the tables with entries about devices."""
     return {table: int(db.execute(f"SELECT count(*) FROM {table}").fetchone()[0]) for table in ENTRIES}  # noqa: S608 - our own words
 
 

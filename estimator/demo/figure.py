@@ -15,9 +15,9 @@ Floats = NDArray[np.float64]
 
 
 def demo(boots: Sequence[Judgement], path: Path) -> None:
-    """Draw heading error of raw and corrected rates, tracked bias against truth, and scale factors against truth.
+    """Draw heading errors of raw and corrected rates, the tracked bias and the scale factors against the truth.
 
-    boots: one judgement per device. path: file to write.
+    Headings are in degrees, biases in °/s. boots: one judgement per device. path: file to write.
     """
     figure = Figure(figsize=(11, 8.5), dpi=130)
     grid = figure.subplots(2, 2)

@@ -1,4 +1,4 @@
-"""Judgement of the demonstration: the estimator's results for each boot, against the simulator's truth."""
+"""Comparison of the estimator's results for each boot with the simulator's truth, for the demonstration."""
 
 from dataclasses import dataclass
 
@@ -20,9 +20,11 @@ HEADING_DEG, HEADING_SHARE = 5.0, 0.1
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Judgement:
-    """Errors of one boot of one device: time (n,) s since power-up, bias and its std (n, 3) °/s, heading errors (n,) degrees.
+    """Errors of one boot of one device, for the n samples from the first of quality GOOD to the last.
 
-    k and bias are compared at the end; heading is integrated from the first GOOD sample on.
+    k_true, k, k_std (3,): scale factors and standard deviation at the end, without unit. time (n,): device time, s.
+    bias_true_dps, bias_dps, bias_std_dps (n, 3): bias and its standard deviation, sensor frame.
+    raw_heading_deg, corrected_heading_deg (n,): heading error of the integrated readings and corrected rates.
     """
 
     device: str
@@ -39,7 +41,11 @@ class Judgement:
 
     @property
     def good(self) -> bool:
-        """True if scale and final bias are within their limits, and heading error is small against the raw one."""
+        """True if scale factors and final bias are within their limits, and the corrected heading error is small.
+
+        Limits of scale and bias: SIGMAS standard deviations, bounded by SCALE (without unit) and BIAS_DPS. Limit of the
+        heading: HEADING_DEG, or HEADING_SHARE of the largest raw error if that is more.
+        """
         left, raw = np.abs(self.corrected_heading_deg).max(), np.abs(self.raw_heading_deg).max()
         return bool(
             np.all(np.abs(self.k - self.k_true) < np.clip(SIGMAS * self.k_std, *SCALE))
@@ -49,16 +55,16 @@ class Judgement:
 
     @property
     def bias_off_dps(self) -> Floats:
-        """(3,) error of the estimated bias at the end, °/s: estimate minus truth."""
+        """Error (3,) of the estimated bias at the end, °/s: estimate minus truth."""
         return np.asarray(self.bias_dps[-1] - self.bias_true_dps[-1])
 
 
 def judge(
     device: VirtualDevice, boot: int, corrected: list[CorrectedBatch], raw: list[SampleBatch], status: Status
 ) -> Judgement | None:
-    """Compare a boot's corrected and raw samples with the truth; None with fewer than MIN_SAMPLES GOOD samples.
+    """Compare a boot's corrected and raw samples with the truth; None if fewer than MIN_SAMPLES have quality GOOD.
 
-    Raises LookupError when samples are missing.
+    status: last status of the boot, which has the estimated scale factors. Raises LookupError if samples are missing.
     """
     good = [batch for batch in corrected if batch.quality is Quality.GOOD]
     if sum(map(len, good)) < MIN_SAMPLES:
@@ -107,7 +113,7 @@ def _heading_error(rate: Floats, time: Floats, start: Rotation, true: Rotation) 
 
 
 def in_words(judgement: Judgement) -> str:
-    """Return one line for people: heading error raw and corrected, largest scale and bias errors."""
+    """Return one line for people: heading error raw and corrected, in degrees, and largest scale and bias errors."""
     raw, corrected = (
         heading[np.argmax(np.abs(heading))] for heading in (judgement.raw_heading_deg, judgement.corrected_heading_deg)
     )

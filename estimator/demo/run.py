@@ -1,4 +1,4 @@
-"""`truerate demo`: the ward boots, is turned, calibrates and tracks; one device reboots; then the results are judged."""
+"""Command `truerate demo`: six devices boot, are turned, calibrated and tracked; one reboots; the results are judged."""
 
 import shutil
 import signal
@@ -25,9 +25,9 @@ SUBSCRIBERS = 3
 
 
 def run(console: Console, picture: Path, seed: int) -> bool:
-    """Run the demonstration, print its results, and save its figure to `picture`; returns whether every check passed.
+    """Run the demonstration, print its results and save its figure; returns True if every check passed.
 
-    seed: of the simulated devices.
+    picture: file of the figure. seed: seed of the simulated devices.
     """
     # A signal must end the started processes too.
     for number in (signal.SIGTERM, signal.SIGHUP):

@@ -1,4 +1,4 @@
-"""Subscribers of the demonstration: three count every corrected sample, a watcher follows raw samples and status."""
+"""Subscribers of the demonstration: three count every corrected sample, one follows raw samples and status."""
 
 import math
 import threading
@@ -19,7 +19,10 @@ _LOOK_S, _QUIET_S = 0.2, 1.0
 
 
 class Subscriber:
-    """Counts corrected samples by device and boot in its own thread; with `keep`, also stores them in `batches`."""
+    """Subscriber that counts corrected samples by device and boot in its own thread.
+
+    endpoint: address of the router. keep: True also stores the batches in `batches`.
+    """
 
     def __init__(self, endpoint: str, ward: str, *, keep: bool = False) -> None:
         self._client = Client((endpoint,), ward=ward)
@@ -34,7 +37,7 @@ class Subscriber:
 
     @property
     def troubles(self) -> str:
-        """Faults of the received messages, in words: missed messages, repeated samples, refused ones.
+        """Faults of the received messages, in words: missed messages, repeated samples, refused messages.
 
         Empty without faults.
         """
@@ -43,7 +46,7 @@ class Subscriber:
         return ", ".join(f"{count} {what}" for what, count in found.items() if count)
 
     def close(self, drain_s: float = DRAIN_S) -> None:
-        """Receive what is still on the way, for at most drain_s seconds, then stop the thread and the client."""
+        """Receive remaining messages for at most drain_s seconds, then stop the thread and the client."""
         self._until = time.monotonic() + drain_s
         self._thread.join()
         self._client.close()
@@ -64,7 +67,10 @@ class Subscriber:
 
 
 class Watcher:
-    """Follows status and raw samples of the whole ward; call `poll` from one thread."""
+    """Subscriber that follows status and raw samples of the whole ward; call `poll` from one thread.
+
+    endpoint: address of the router.
+    """
 
     def __init__(self, endpoint: str, ward: str) -> None:
         self._bus: Bus = ZenohBus((endpoint,))
@@ -77,7 +83,7 @@ class Watcher:
         self.changes: list[Status] = []
 
     def poll(self) -> None:
-        """Receive new messages; afterwards `changes` holds the statuses with a new state or boot."""
+        """Receive new messages; afterwards `changes` holds each status whose state or boot is new."""
         self.changes = []
         for message in self._raw.drain(4096, 0.0):
             if (batch := self._raw_door.take(message)) is not None:
@@ -92,7 +98,7 @@ class Watcher:
             self.statuses[status.device] = status
 
     def all_tracking(self, devices: int) -> bool:
-        """Return whether exactly this number of devices is calibrated and tracked."""
+        """Return True if exactly this number of devices is calibrated and tracked."""
         return sum(status.state is State.TRACKING for status in self.statuses.values()) == devices
 
     def close(self) -> None:

@@ -1,4 +1,4 @@
-"""A ward on this machine: virtual devices on pseudo-terminals; router, bridge, estimator and dashboard as processes."""
+"""Ward on this machine: virtual devices on pseudo-terminals; router, bridge, estimator and dashboard as processes."""
 
 import contextlib
 import os
@@ -54,7 +54,7 @@ port = "{port}"
 
 
 class Ward:
-    """A ward on this machine: virtual devices on pseudo-terminals, and its programs as processes; `close` ends all.
+    """Ward on this machine: virtual devices on pseudo-terminals, and its programs as processes; `close` ends all.
 
     folder: for configuration and logs. names: ids of the devices. method: calibration method.
     """
@@ -86,18 +86,21 @@ class Ward:
         self._environment: dict[str, dict[str, str]] = {}
 
     def add(self, name: str, *arguments: str) -> None:
-        """Add a process that runs `truerate` with these arguments; `start` starts the process by this name."""
+        """Add a process that runs `truerate` with some arguments; `start` starts it. name: name of the process."""
         self._arguments[name] = arguments
 
     def configure(self, name: str, config: Path, environment: dict[str, str]) -> None:
-        """Set another configuration file and environment variables for a process before its start."""
+        """Set another configuration file and environment variables for a process, before its start."""
         self._arguments[name] = tuple(
             str(config) if part == str(self.config) else part for part in self._arguments[name]
         )
         self._environment[name] = environment
 
     def start(self, *names: str) -> None:
-        """Start processes by name: `router`, `estimator`, `bridge`, `dashboard`; in any order, as each waits for the others."""
+        """Start processes by name: `router`, `estimator`, `bridge`, `dashboard`, or a process of `add`.
+
+        The order is free, because each process waits for the others.
+        """
         for name in names:
             process = self._processes[name] = subprocess.Popen(
                 [sys.executable, "-m", "estimator.cli.main", *self._arguments[name]],
@@ -121,7 +124,10 @@ class Ward:
                 raise DemoFailed(f"the router does not listen on {self.endpoint} after {timeout_s:.0f} s")
 
     def stop(self, name: str, number: signal.Signals = signal.SIGTERM) -> None:
-        """Stop one process with a signal; it is killed when it does not end, and faults go to `complaints`."""
+        """Stop one process with a signal; kill it if it does not end. Faults are added to `complaints`.
+
+        number: the signal.
+        """
         process = self._processes.pop(name)
         if process.poll() is not None:
             self.complaints.append(f"the {name} stopped unexpectedly with exit code {process.returncode}")
@@ -136,7 +142,7 @@ class Ward:
             self.complaints.append(f"the {name} ended with exit code {process.returncode}")
 
     def pid(self, name: str) -> int | None:
-        """Return the process id of a program of the ward, or None when it is not running."""
+        """Return the process id of a program of the ward, or None if it was not started or was stopped."""
         process = self._processes.get(name)
         return None if process is None else process.pid
 
@@ -145,21 +151,21 @@ class Ward:
         self._processes[name].send_signal(number)
 
     def plug(self, name: str, device: VirtualDevice, *, speed: float = 1.0, lossless: bool = False) -> PtyPort:
-        """Plug a virtual device into the port of this name, and return the port.
+        """Connect a virtual device to the port of this name, and return the port.
 
-        speed: times real time; lossless: see `PtyPort`.
+        speed: simulated seconds per real second. lossless: as in `PtyPort`.
         """
         self.ports[name] = PtyPort(device, self._places[name], speed=speed, lossless=lossless)
         return self.ports[name]
 
     def check(self) -> None:
-        """Raise DemoFailed if a process has stopped by itself."""
+        """Check that all started processes run. Raises DemoFailed if one has stopped by itself."""
         for name, process in self._processes.items():
             if process.poll() is not None:
                 raise DemoFailed(f"the {name} stopped with exit code {process.returncode}:\n{self.log(name)[-2000:]}")
 
     def log(self, name: str) -> str:
-        """Return what a process has logged so far."""
+        """Return the text that a process has logged so far."""
         process = self._processes.get(name)
         if name in self._logs and (process is None or process.poll() is not None):
             self._logs[name].join(1.0)  # until its last output is written
@@ -188,8 +194,8 @@ class Ward:
 def free_port() -> int:
     """Return a free TCP port on loopback, outside the range for outgoing connections.
 
-    A connection could otherwise take the port while the process that listens there is restarted. No other process is
-    given the port while this one runs.
+    Inside that range, a connection could take the port while the process that listens there is restarted. While this
+    process runs, this function gives the port to no other process.
     """
     while True:
         port, place = secrets.choice(_LISTENING), socket.socket()  # not `random`: tests seed that alike
@@ -202,7 +208,7 @@ def free_port() -> int:
 
 
 def listens(endpoint: str, timeout_s: float) -> bool:
-    """Return whether something listens at a TCP endpoint within timeout_s seconds."""
+    """Return True if a process listens at a TCP endpoint, such as `tcp/127.0.0.1:7447`, within timeout_s seconds."""
     host, _, port = endpoint.removeprefix("tcp/").rpartition(":")
     deadline = time.monotonic() + timeout_s
     while time.monotonic() < deadline:

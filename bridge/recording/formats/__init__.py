@@ -1,4 +1,4 @@
-"""Readers of recordings, a module per file format: `read(path, reading)` returns a Table. Begin at `registry.py`.
+"""Readers of recordings, one module per file format: `read(path, reading)` returns a Table. Begin at `registry.py`.
 
-Text tables have a room of their own, `bridge.recording.text`. `hdf5` and `parquet` also write.
+Text tables are read by `bridge.recording.text`. `hdf5` and `parquet` also write.
 """

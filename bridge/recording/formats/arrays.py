@@ -1,4 +1,4 @@
-"""Makes a Table from arrays in SI units, named as in an .npz file; options replace their units."""
+"""Makes a Table from arrays in SI units, named as in an .npz file; options can state other units."""
 
 from collections.abc import Collection, Mapping
 from pathlib import Path
@@ -24,11 +24,12 @@ def table_of(
     tick_s: float = 0.0,
     notes: Collection[str] = (),
 ) -> Table:
-    """Make a Table from arrays in SI units whose names are in WANTED; options of `reading` replace their units.
+    """Make a Table from arrays whose names are in WANTED, in SI units unless options of `reading` state others.
 
-    present: names of all arrays of the file, for the message. tick_s: seconds per count of its time column, 0 when
-    unknown. notes: sentences for the user, to which more are added. Raises RecordingError if an array is missing or has
-    a wrong shape.
+    arrays: gyro_rad_s or rate_rad_s (n, 3) is required. present: names of all arrays of the file, for the error
+    message.
+    tick_s: duration of a count of the file's time column, 0 if unknown. notes: sentences for the user; more are added.
+    Raises RecordingError if the array of rates is missing, an array does not hold numbers, or the arrays are too large.
     """
     arrays = dict(arrays)
     corrected = arrays.pop(_CORRECTED, None)

@@ -1,4 +1,4 @@
-"""Reads a BIDS-Motion recording: `*_motion.tsv` without a header; `*_channels.tsv` and `*_motion.json` describe it.
+"""Reader of BIDS-Motion recordings: `*_motion.tsv` has no header; `*_channels.tsv` and `*_motion.json` describe it.
 
 Source: https://bids-specification.readthedocs.io, "Motion".
 """
@@ -23,9 +23,10 @@ Row = dict[str, str]
 
 
 def read(path: Path, reading: Reading) -> Table:
-    """Read one tracked point of a *_motion.tsv file as a Table; `reading.device` chooses among several.
+    """Read one tracked point of a *_motion.tsv file as a Table, in SI units.
 
-    Raises RecordingError if the files are incomplete, or several points match.
+    `reading.device` names the tracked point if the file has several. Raises RecordingError if a description is missing
+    or incomplete, or if there are several tracked points and none is named.
     """
     rows = _channels(path)
     points = dict[str, list[int]]()

@@ -1,5 +1,6 @@
-"""Reads the .cwa files of Axivity's AX6 by cwa-reader-rs (the extra `cwa`): gyro in °/s, accelerometer in g.
+"""Reader of .cwa files of Axivity's AX6, by cwa-reader-rs (the extra `cwa`).
 
+The package returns the gyro in °/s and the accelerometer in g; both are converted to SI units.
 Source: https://github.com/openmovementproject/openmovement/blob/master/Docs/ax3/ax3-technical.md
 """
 
@@ -17,7 +18,10 @@ from bridge.text.units import STANDARD_GRAVITY
 
 
 def read(path: Path, reading: Reading) -> Table:
-    """Read a .cwa file of an AX6 as a Table. Raises RecordingError, also for an AX3, which has no gyroscope."""
+    """Read a .cwa file of an AX6 as a Table, in SI units.
+
+    Raises RecordingError for a file without gyroscope readings, as an AX3 writes it.
+    """
     frame = read_cwa_file(str(path), include_magnetometer=False, include_light=False, include_battery=False)
     gyro = [f"gyro_{axis}" for axis in "xyz"]
     if not set(gyro) <= set(frame.columns):

@@ -1,9 +1,10 @@
-"""Reads and writes HDF5 by h5py (the extra `hdf5`): truerate's own layout, and that of APDM's Opal.
+"""Reader and writer of HDF5 files, by h5py (the extra `hdf5`): truerate's own layout, and that of APDM's Opal.
 
 Own layout: datasets at the root, named and shaped as the arrays of an .npz file.
-APDM, version 5: /Sensors/ID with Gyroscope (n, 3) rad/s, Accelerometer (n, 3) m/s², Temperature (n,) °C, Time (n,) µs, and
-the label in the attribute `Label 0` of Configuration. Versions 2 to 4: /ID with Time and Calibrated/Gyroscopes,
-Accelerometers and Temperature, and the labels in the root's attributes CaseIdList and MonitorLabelList.
+APDM, version 5: /Sensors/ID with Gyroscope (n, 3) rad/s, Accelerometer (n, 3) m/s², Temperature (n,) °C, Time (n,) µs.
+The label is the attribute `Label 0` of Configuration.
+APDM, versions 2 to 4: /ID with Time and Calibrated/Gyroscopes, Accelerometers and Temperature. The labels are the
+attributes CaseIdList and MonitorLabelList of the root.
 """
 
 from collections.abc import Mapping
@@ -35,10 +36,10 @@ _OPAL = (
 
 
 def read(path: Path, reading: Reading) -> Table:
-    """Read truerate's own arrays, or one sensor of an Opal's file, as a Table.
+    """Read truerate's own arrays, or one sensor of an Opal's file, as a Table in SI units.
 
-    `reading.device`: label of the sensor to read. Raises RecordingError for a damaged file, an unknown layout, or
-    several sensors and no choice.
+    `reading.device` names the sensor by its label. Raises RecordingError for a damaged file, an unknown layout, or if
+    the file has several sensors and none is named.
     """
     with h5py.File(path, "r") as file:
         if opals := _opals(file):
@@ -62,7 +63,7 @@ def write(file: IO[bytes], arrays: Mapping[str, Array]) -> None:
 
 
 def holds(path: Path, name: str) -> bool:
-    """Return whether a file has a dataset of this name; False if the file is not HDF5."""
+    """Return True if a file has a dataset of this name; False if the file is not HDF5."""
     try:
         with h5py.File(path, "r") as file:
             return name in file

@@ -1,8 +1,8 @@
-"""Reads NumPy's .npz as the columns of a recording.
+"""Reader of NumPy's .npz files as recordings.
 
-`gyro_rad_s` (n, 3) is required. `accel_m_s2` (n, 3), `temperature_c` (n,), `t_s` (n,), `rate_hz`, and `device` and
-`boot` as an export writes them, are optional. Other arrays are ignored, also `arrival_s`: bytes arrive in bursts, so
-their time is no sample time.
+`gyro_rad_s` (n, 3) is required. Optional are `accel_m_s2` (n, 3), `temperature_c` (n,), `t_s` (n,), `rate_hz`, and
+`device` and `boot` as an export writes them. Other arrays are ignored. That includes `arrival_s`, because bytes
+arrive in bursts: arrival times are not sample times.
 """
 
 import re
@@ -21,9 +21,10 @@ _BOOT = re.compile("[0-9a-f]{16}")
 
 
 def read(path: Path, reading: Reading) -> Table:
-    """Read the arrays of an .npz file as a Table: gyro_rad_s, and if present accel_m_s2, temperature_c, t_s, rate_hz.
+    """Read the arrays of an .npz file as a Table.
 
-    Raises RecordingError for a damaged file or a missing array.
+    Arrays: gyro_rad_s and, if present, accel_m_s2, temperature_c, t_s, rate_hz, device and boot. Without gyro_rad_s,
+    rate_rad_s is read. Raises RecordingError for a damaged or too large file, and if the array of rates is missing.
     """
     if not path.stat().st_size:
         raise RecordingError(f"{path}: the file is empty: save an array 'gyro_rad_s' of shape (n, 3) with numpy.savez")
@@ -48,7 +49,7 @@ def read(path: Path, reading: Reading) -> Table:
 
 
 def origin(device: str, boot: str) -> tuple[str, int]:
-    """Return device id and boot id as a number, if both have the form that an export writes, else "" and 0.
+    """Return a device id and a boot number as an export writes them; "" and 0 if either has another form.
 
     boot: 16 hexadecimal digits.
     """

@@ -1,6 +1,6 @@
-"""Reads and writes Parquet by pyarrow (the extra `parquet`), with a column per axis, named as in a .csv file.
+"""Reader and writer of Parquet files, by pyarrow (the extra `parquet`), with one column per axis, named as in a .csv.
 
-Columns of other tools are understood by their names, as those of a text table.
+Column names of other tools are recognised as in a text table.
 """
 
 from collections.abc import Mapping
@@ -21,10 +21,10 @@ from bridge.recording.text import reader
 
 
 def read(path: Path, reading: Reading) -> Table:
-    """Read the columns of numbers and of times of a Parquet file as a Table.
+    """Read the numeric and time columns of a Parquet file as a Table, in SI units.
 
-    Columns are understood by their names, as those of a text table. Raises RecordingError for a damaged file, or
-    without the needed columns.
+    Columns are recognised by their names, as those of a text table. Raises RecordingError for a file that is damaged,
+    too large or without the needed columns.
     """
     # A dataset reads only the columns named; ParquetFile reads also a text of the same name, or within one of that name.
     file = ds.dataset(path, format="parquet")
@@ -54,12 +54,12 @@ def read(path: Path, reading: Reading) -> Table:
 
 
 def write(file: IO[bytes], columns: Mapping[str, NDArray[np.generic]]) -> None:
-    """Write columns (n,), by name, as a Parquet file."""
+    """Write columns (n,), by name, to a Parquet file; the names state the units."""
     pq.write_table(pa.table(dict(columns)), file)
 
 
 def holds(path: Path, name: str) -> bool:
-    """Return whether a file has a column of this name; False if the file is not Parquet."""
+    """Return True if a file has a column of this name; False if the file is not Parquet."""
     try:
         return name in pq.read_schema(path).names
     except (OSError, pa.ArrowInvalid):

@@ -1,4 +1,4 @@
-"""Finds the reader of a recording: by the ending of its name, or by what a folder or an .mcap file holds."""
+"""Registry of file formats: finds the reader of a recording by its file ending, or by its content."""
 
 from importlib import import_module
 from pathlib import Path
@@ -15,11 +15,11 @@ TEXT = (".csv", ".tsv", ".txt", ".log", ".dat", ".gz")
 
 
 class Format(NamedTuple):
-    """A file format of recordings, and the module that reads it.
+    """File format of recordings, with the module that reads it.
 
-    name: for messages. module: in bridge.recording, with `read(path, reading) -> Table`. extra: the optional dependency
-    of that module. streams: a file may hold several named streams, and --device chooses one. whole: a file is read into
-    memory at once, so its size is limited.
+    name: for messages. module: name within bridge.recording; it has `read(path, reading) -> Table`. extra: the optional
+    dependency of that module; empty for none. streams: True if a file may hold several named streams, of which --device
+    chooses one. whole: True if a file is read into memory at once, so that its size is limited.
     """
 
     name: str
@@ -29,9 +29,9 @@ class Format(NamedTuple):
     whole: bool = True
 
     def read(self, path: Path, reading: Reading) -> Table:
-        """Read the columns of a file as a Table, by the format's module.
+        """Read a file as a Table in SI units, by the format's module.
 
-        Raises RecordingError, also if its package is missing.
+        Raises RecordingError if the file is unusable or the module's optional package is missing.
         """
         module = _loaded(path, self)
         try:
@@ -69,7 +69,7 @@ _BY_NAME = {"_motion.tsv": BIDS, ".xdf.gz": XDF}
 def format_of(path: Path) -> Format:
     """Return the format of a recording's file or folder, by its ending or content.
 
-    Raises RecordingError if it is unknown.
+    Raises RecordingError if the format is unknown.
     """
     if path.is_dir():
         return _of_folder(path)
@@ -84,7 +84,7 @@ def format_of(path: Path) -> Format:
 
 
 def check_extra(path: Path) -> None:
-    """Raise RecordingError if an output file's format needs an optional dependency that is not installed."""
+    """Check that the optional dependency of an output file's format is installed. Raises RecordingError if not."""
     if format_ := FORMATS.get(path.suffix.lower()):
         _loaded(path, format_)
 

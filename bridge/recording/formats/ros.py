@@ -1,6 +1,6 @@
-"""Reads `sensor_msgs/Imu` from ROS 1 and ROS 2 bags and from .mcap files of ROS 2, by rosbags (the extra `ros`).
+"""Reader of `sensor_msgs/Imu` from ROS 1 bags, ROS 2 bags and .mcap files of ROS 2, by rosbags (the extra `ros`).
 
-An Imu message is in rad/s and m/s²; its covariance begins with -1 if a sensor is missing.
+An Imu message has rates in rad/s and accelerations in m/s². Its covariance begins with -1 if a sensor is missing.
 Source: https://docs.ros.org/en/api/sensor_msgs/html/msg/Imu.html
 """
 
@@ -22,9 +22,10 @@ _MISSING = -1.0
 
 
 def read(path: Path, reading: Reading) -> Table:
-    """Read the Imu messages of one topic of a bag as a Table; `reading.device` chooses the topic.
+    """Read the Imu messages of one topic of a bag as a Table, in SI units.
 
-    Raises RecordingError for a damaged bag, a bag without Imu messages, or several topics and no choice.
+    `reading.device` names the topic if the bag has several. Raises RecordingError for a damaged bag, a bag without Imu
+    messages, or if there are several topics and none is named.
     """
     # Bags of old ROS 2 versions define no types; Imu has been the same in all of them.
     with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as bag:

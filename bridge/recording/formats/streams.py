@@ -1,4 +1,4 @@
-"""Chooses one of several named streams of a file, or one of several boots."""
+"""Selection of one stream, or of one boot, from a file that has several."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -11,9 +11,10 @@ T = TypeVar("T")
 
 
 def choose(path: Path, streams: Mapping[str, T], device: str | None, what: str) -> T:
-    """Return the stream named by --device, or the only stream. Raises RecordingError, which lists the names.
+    """Return the stream that --device names, or the only stream.
 
-    what: a stream in the plural, such as "topics".
+    device: name of the stream; None if not given. what: streams in the plural, for messages, such as "topics".
+    Raises RecordingError, which lists the names, if no single stream is chosen.
     """
     if device is None and len(streams) > 1:
         raise RecordingError(f"{path}: {len(streams)} {what}; choose one with --device: {', '.join(streams)}")
@@ -26,9 +27,10 @@ def choose(path: Path, streams: Mapping[str, T], device: str | None, what: str) 
 
 
 def choose_boot(path: Path, samples: Sequence[int], boot: int | None, of: str) -> int:
-    """Return the index of the boot named by --boot, or of the only one. Raises RecordingError, which lists the boots.
+    """Return the index, from 0, of the boot that --boot names, or of the only boot.
 
-    samples: number of samples of each boot. boot: from 1; None if not given. of: the device, for messages.
+    samples: number of samples of each boot. boot: number from 1; None if not given. of: the device, for messages.
+    Raises RecordingError, which lists the boots, if no single boot is chosen, and for a boot of less than 2 samples.
     """
     if boot is None and len(samples) > 1:
         said = ", ".join(f"{at} ({count(n, 'sample')})" for at, n in enumerate(samples, 1))

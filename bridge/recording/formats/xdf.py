@@ -1,7 +1,7 @@
-"""Reads one stream of an XDF file, as Lab Streaming Layer records it, by pyxdf (the extra `xdf`).
+"""Reader of one stream of an XDF file, as Lab Streaming Layer records it, by pyxdf (the extra `xdf`).
 
-Times are pyxdf's: clocks synchronised, and the jitter of a regular stream removed. Channels are understood by their labels
-and units, as the columns of a text table. Source: https://github.com/sccn/xdf/wiki/Specifications
+pyxdf synchronises the clocks, and removes the jitter from the times of a regular stream. Channels are recognised by
+their labels and units, as the columns of a text table. Source: https://github.com/sccn/xdf/wiki/Specifications
 """
 
 import gzip
@@ -20,9 +20,10 @@ from bridge.recording.text.names import understood
 
 
 def read(path: Path, reading: Reading) -> Table:
-    """Read one stream of an XDF file as a Table; `reading.device` chooses among several.
+    """Read one stream of an XDF file as a Table, in SI units.
 
-    Raises RecordingError for a damaged file, a file without a gyro stream, or several streams and no choice.
+    `reading.device` names the stream if the file has several. Raises RecordingError for a damaged file, a file without
+    a gyro stream, or if there are several streams and none is named.
     """
     packed = path.suffix.lower() != ".xdf"
     if packed:

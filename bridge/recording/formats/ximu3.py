@@ -1,4 +1,4 @@
-"""Reads the files of an x-IMU3's data logger: the device's messages as it sends them."""
+"""Reader of files of an x-IMU3's data logger, which hold the messages that the device sends."""
 
 from array import array
 from math import nan, radians
@@ -22,9 +22,10 @@ _MOST_FAULTS = 10_000
 
 
 def read(path: Path, reading: Reading) -> Table:
-    """Read the inertial messages of a data logger's file, each with the latest temperature, as a Table.
+    """Read the inertial messages of a data logger's file as a Table, in SI units.
 
-    Raises RecordingError for a file without inertial messages.
+    Each sample has the latest temperature before it. Raises RecordingError if most messages cannot be decoded, or the
+    file has no inertial message.
     """
     lines, faults, celsius = Lines(LONGEST), Tally(), nan
     times_us, numbers = array("Q"), array("d")

@@ -1,4 +1,4 @@
-"""Finds the columns of a text table with the rates, the acceleration and the time, and their factors to SI."""
+"""Search for the columns of a text table: rates, acceleration and time, with their factors to SI."""
 
 from dataclasses import dataclass, field
 from itertools import groupby
@@ -18,10 +18,10 @@ _SHOWN = 12
 
 @dataclass(slots=True)
 class Triple:
-    """Three columns of a text table that are the x, y, z of one vector.
+    """Three columns of a text table that hold the x, y, z of one vector.
 
-    at: their indices. factor: from their numbers to SI; None if no unit is stated.
-    unit: as stated, in its standard spelling; empty if not stated.
+    at: their indices, from 0. factor: from their numbers to SI; None if no unit is stated. unit: standard spelling of
+    the stated unit; empty if no unit is stated.
     """
 
     at: tuple[int, int, int]
@@ -33,8 +33,8 @@ class Triple:
 class Clock:
     """Time column of a text table.
 
-    at: its index. factor: from its numbers to seconds; None if no unit is stated.
-    text: the column holds dates or times of day. rank: preference among several clocks, the lower the better.
+    at: its index, from 0. factor: from its numbers to seconds; None if no unit is stated. text: True if the column
+    holds dates or times of day. rank: preference among several time columns; the lowest is used first.
     """
 
     at: int
@@ -47,10 +47,10 @@ class Clock:
 class Columns:
     """Meaning of a text table's columns.
 
-    gyro: the same rates in one or several units. accel: likewise. clocks: all time columns.
-    counter, temperature, rate: index of the column with sample numbers, °C, and Hz; None if there is none.
-    numbers: indices of all columns to read as numbers. unused: names of columns of incomplete vectors. notes: what was
-    understood, for the user.
+    gyro: columns of the rates, once for each unit in the file. accel: likewise for the acceleration. clocks: all time
+    columns. counter, temperature, rate: index of the column with sample numbers, °C, and Hz; None if there is none.
+    numbers: indices of all columns to read as numbers. unused: names of columns of incomplete vectors. notes: sentences
+    for the user on the choice of columns.
     """
 
     gyro: list[Triple]
@@ -67,10 +67,10 @@ class Columns:
 def find(
     path: Path, layout: Layout, reading: Reading, cells: list[str], *, only_accel: bool = False, tag: str = ""
 ) -> Columns:
-    """Find the columns with rates, acceleration, time and so on, by their names and the user's options.
+    """Find the columns with rates, acceleration, time and others, by their names and the user's options.
 
-    path: the file, for tools known by its name and for errors. cells: the first row of numbers, as texts.
-    only_accel: look for an accelerometer alone. tag: the rows' tag of a sensor, if they have one.
+    path: the file, for errors and for tools recognised by the file name. cells: the first row of numbers, as texts.
+    only_accel: True looks for an accelerometer alone. tag: the sensor's tag in each row, if rows have one.
     Raises RecordingError if the columns of the rates are missing or ambiguous.
     """
     sensor = f"{path.name} {tag}".lower()
@@ -110,7 +110,7 @@ def find(
 
 
 def shown(names: list[str]) -> str:
-    """Return names for a message, separated by commas: at most the first 12, and how many there are."""
+    """Return names as a text for a message: the first 12, separated by commas, and the number of all names if more."""
     more = f" … ({len(names)} in all)" if len(names) > _SHOWN else ""
     return ", ".join(name[:40] or "(no name)" for name in names[:_SHOWN]) + more
 

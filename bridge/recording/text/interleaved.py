@@ -1,4 +1,4 @@
-"""Separates the sensors of a log with a row per reading: `GYRO;1.20;…` and `ACCE;1.21;…` by turns."""
+"""Splits a log in which rows of several sensors alternate, such as `GYRO;1.20;…` and `ACCE;1.21;…`."""
 
 import re
 from collections import Counter
@@ -21,8 +21,8 @@ _DERIVED = re.compile(r"lin|user|uncal|raw|bias", re.IGNORECASE)
 class Tags(NamedTuple):
     """Tags of the sensors in a log with one reading of one sensor per row, such as `GYRO;1.20;…`.
 
-    separator, column: where a row has its tag. all: all tags. gyro, accel: tags of these sensors.
-    accel is empty if the log has no accelerometer.
+    separator: separator of the cells. column: index, from 0, of the cell with the tag. all: all tags in the log.
+    gyro, accel: tags of these sensors; accel is empty if the log has no accelerometer.
     """
 
     separator: str
@@ -32,17 +32,17 @@ class Tags(NamedTuple):
     accel: str
 
     def rows_of(self, tag: str, blocks: Iterable[list[str]]) -> Iterator[list[str]]:
-        """Yield the blocks of lines with the lines of other tags emptied; so line numbers stay those of the file."""
+        """Yield blocks of lines in which only lines with one tag are kept; other lines are empty.
+
+        Line numbers therefore stay those of the file.
+        """
         others = self.all - {tag}
         for lines in blocks:
             yield ["" if _cell(line, self.separator, self.column) in others else line for line in lines]
 
 
 def tags_of(lines: list[str]) -> Tags | None:
-    """Return the tags of a log that begins with these lines.
-
-    None if its rows are all of one kind, as in a plain table.
-    """
+    """Return the sensor tags of a log that begins with these lines; None if its rows have no tags, as in a plain table."""
     sample = [line for line in lines[:_LINES] if line.strip() and not COMMENT.match(line)]
     for separator in _SEPARATORS:
         for column in range(_COLUMNS):

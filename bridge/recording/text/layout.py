@@ -1,4 +1,4 @@
-"""Recognises the layout of a text table from its first lines: separator, decimal mark, preamble and header."""
+"""Recognition of a text table's layout from its first lines: separator, decimal mark, preamble and header."""
 
 import csv
 import re
@@ -29,9 +29,9 @@ _ACCEL_UNIT = re.compile(r"acc[^\n]*?(m/s\^?2|m/s²|\bmg\b|\bg\b)", re.IGNORECAS
 class Layout(NamedTuple):
     """Layout of a text table.
 
-    separator: None is any run of blanks. decimal: decimal mark. names: of the columns, empty if there is no header.
+    separator: None for any run of blanks. decimal: decimal mark. names: column names, empty if there is no header.
     width: number of cells per row. first: index, from 0, of the first line of numbers.
-    rate_hz, gyro_unit, accel_unit: as the preamble states them, else 0 and empty.
+    rate_hz, gyro_unit, accel_unit: as the preamble states them; 0 and empty if it does not.
     """
 
     separator: str | None
@@ -91,7 +91,7 @@ def split(line: str, separator: str | None) -> list[str]:
 
 
 def is_number(cell: str, decimal: str = ".") -> bool:
-    """Return whether a cell holds a number, with this decimal mark; quotes and blanks around it are ignored."""
+    """Return True if a cell holds a number with this decimal mark; quotes and blanks around the number are ignored."""
     cell = cell.strip().strip('"')
     if decimal == ",":
         if "." in cell and "," not in cell:

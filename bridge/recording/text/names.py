@@ -1,4 +1,4 @@
-"""Understands column names in people's spellings: quantity, axis and unit.
+"""Recognition of column names in many spellings: quantity, axis and unit.
 
 `Gyroscope X (deg/s)`, `gyroX`, `w_RS_S_x [rad s^-1]`, `gx_dps` and `Angular velocity.y` are all rates about an axis.
 """
@@ -41,9 +41,9 @@ _ARRIVAL = {"phone", "host", "arrival", "received", "pc", "system", "rtc", "date
 class Name(NamedTuple):
     """Meaning of a column's name: quantity, axis and unit.
 
-    kind: gyro, accel, axis, time, counter, temperature, rate, or empty for none of these. axis: x, y, z or empty.
-    unit: in its standard spelling, empty if not stated. group: its other words, the same for the three axes of one
-    sensor. rank: of a time column, the lower the better.
+    kind: gyro, accel, axis, time, counter, temperature or rate; empty for none of these. axis: x, y, z or empty.
+    unit: standard spelling; empty if not stated. group: the other words of the name, which the three axes of one sensor
+    share. rank: preference of a time column; the lowest is used first.
     """
 
     kind: str
@@ -57,7 +57,7 @@ _NOTHING = Name("", "", "", ())
 
 
 def understood(name: str) -> Name:
-    """Return the meaning of one column's name, such as `Gyroscope X (deg/s)`; its kind is empty if it has none."""
+    """Return the meaning of one column's name, such as `Gyroscope X (deg/s)`; `kind` is empty if it is not recognised."""
     bare, unit = _unit_of(name.strip())
     words = [word.lower() for word in _WORD.findall(bare)]
     if not words:

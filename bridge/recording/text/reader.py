@@ -1,4 +1,4 @@
-"""Reads text tables as the columns of a recording, in SI units."""
+"""Reader of text tables, which returns the columns of a recording in SI units."""
 
 from collections.abc import Iterator
 from itertools import chain
@@ -32,10 +32,10 @@ _SAME_STEP = 1.1
 
 
 def read(path: Path, reading: Reading, layout: Layout | None = None) -> Table:
-    """Read the columns of a recording from a text table, in SI units.
+    """Read a recording from a text table as a Table, in SI units.
 
-    layout: of a file that another file describes; by default it is recognised. Raises RecordingError, which names the
-    options for what is missing.
+    layout: layout of the table if another file describes it; None recognises the layout.
+    Raises RecordingError, which names the options that can supply missing facts.
     """
     tags = tags_of(next(blocks(path), [])) if layout is None else None
     if tags is None:
@@ -50,10 +50,11 @@ def read(path: Path, reading: Reading, layout: Layout | None = None) -> Table:
 def read_columns(
     path: Path, names: list[str], numbers: Floats, reading: Reading, *, rate_hz: float = 0.0, sensor: str = ""
 ) -> Table:
-    """Make a table in SI units from numbers (n, c) and the names of their columns.
+    """Make a Table in SI units from numbers (n, c) and the names of their c columns.
 
-    Names are understood as those of a text table. rate_hz: as the file states it, else 0. sensor: words that tell which
-    sensor columns named x, y, z belong to. Raises RecordingError if the columns of the rates are missing or ambiguous.
+    Names are recognised as those of a text table. rate_hz: rate that the file states, else 0. sensor: words that tell
+    to which sensor columns named x, y, z belong. Raises RecordingError if the columns of the rates are missing or
+    ambiguous.
     """
     layout = Layout(None, ".", names, len(names), 0, rate_hz)
     columns = find(path, layout, reading, ["0"] * len(names), tag=sensor)
@@ -62,10 +63,11 @@ def read_columns(
 
 
 def join_accel(path: Path, table: Table, reading: Reading) -> None:
-    """Add the accelerometer of the text file `reading.accel_file` to the table, in place.
+    """Add the acceleration from the text file `reading.accel_file` to the table, in place.
 
-    Without that option, nothing is added. If both files have times, the acceleration is interpolated at those of the
-    rates. Raises RecordingError if the file has no accelerometer or does not fit the table.
+    Does nothing without that option. If both files have times, the acceleration is interpolated at the times of the
+    rates.
+    Raises RecordingError if the file has no accelerometer or does not fit the table.
     """
     if reading.accel_file is not None:
         other = Path(reading.accel_file)

@@ -1,4 +1,4 @@
-"""Reads the rows of a text table as numbers; other lines are left out and counted."""
+"""Reader of a text table's rows as numbers; lines that are not rows are left out and counted."""
 
 from array import array
 from collections.abc import Iterable, Sequence
@@ -19,11 +19,11 @@ _MOST = 1 << 25  # rows: eight hours at 1165 Hz
 
 @dataclass(slots=True)
 class Read:
-    """Columns read from a text table.
+    """Columns of n rows, read from a text table.
 
-    columns: indices in the file of the columns read as numbers. numbers (n, c): their values, NaN if a cell is no
-    number. texts: columns as written, by index. odd: number of lines that are no rows, by description. lines: line
-    numbers, from 1, of the rows, block by block.
+    columns: indices in the file, from 0, of the c columns read as numbers. numbers (n, c): their values in the file's
+    units, NaN if a cell is not a number. texts: columns as written, by index. odd: number of lines that are not rows,
+    by description. lines: line numbers of the rows, from 1, block by block.
     """
 
     columns: list[int]
@@ -33,18 +33,21 @@ class Read:
     lines: list[Sequence[int]] = field(default_factory=list)
 
     def column(self, at: int) -> Floats:
-        """Return one column of numbers (n,), unconverted. at: its index in the file."""
+        """Return one column of numbers (n,), in the file's unit. at: its index in the file, from 0."""
         return self.numbers[:, self.columns.index(at)]
 
     def vector(self, triple: Triple) -> Floats:
-        """Return a vector (n, 3), in SI units if its unit is known."""
+        """Return a vector (n, 3) in SI units, or in the file's unit if that unit is unknown."""
         first, second, third = (self.columns.index(at) for at in triple.at)
         beside = (second, third) == (first + 1, first + 2)  # then no copy is needed
         values = self.numbers[:, slice(first, first + 3) if beside else [first, second, third]]
         return values if triple.factor in (None, 1.0) else values * triple.factor
 
     def times(self, clock: Clock) -> Floats:
-        """Return times (n,) in the column's own unit; times written as text in seconds since the first midnight."""
+        """Return times (n,) in the column's own unit.
+
+        Times written as text are returned in s since the midnight before the first.
+        """
         return seconds_of(self.texts[clock.at]) if clock.text else self.column(clock.at)
 
     def line(self, row: int) -> int:
@@ -57,10 +60,10 @@ class Read:
 
 
 def read_rows(path: Path, blocks: Iterable[list[str]], layout: Layout, columns: list[int], texts: list[int]) -> Read:
-    """Read the rows of a text table: columns with these indices as numbers, and those in `texts` as written.
+    """Read the rows of a text table: some columns as numbers, others as written.
 
-    Raises RecordingError for more than 2**25 rows.
-    blocks: the file's lines, in lists. Lines that are no rows are left out and counted.
+    blocks: lines of the file, in lists. columns, texts: indices, from 0, of the columns to read as numbers, and as
+    written. Lines that are not rows are left out and counted. Raises RecordingError for more than 2**25 rows.
     """
     parts, read, begins, n = list[Floats](), Read(columns, texts={at: [] for at in texts}), 0, 0
     for block in blocks:

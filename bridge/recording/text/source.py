@@ -1,4 +1,4 @@
-"""Reads a text file in blocks of whole lines: plain or gzip, UTF-8 or UTF-16, with or without byte order mark."""
+"""Reader of a text file in blocks of whole lines: plain or gzip, UTF-8 or UTF-16, with or without byte order mark."""
 
 import gzip
 import io
@@ -22,9 +22,10 @@ _BINARY = 0.02
 
 
 def blocks(path: Path) -> Iterator[list[str]]:
-    """Yield the lines of a text file without line ends, in lists of some thousands. Gzip and UTF-16 are recognised.
+    """Yield the lines of a text file, without line ends, in lists of some thousands.
 
-    Raises RecordingError for a file that is unreadable, binary or too large.
+    Gzip and UTF-16 are recognised. Raises RecordingError for a file that is unreadable, binary or too large, and for
+    too long a line.
     """
     rest, size = "", 0
     with _opened(path) as raw:

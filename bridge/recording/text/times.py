@@ -1,4 +1,4 @@
-"""Parses times written as text: ISO 8601, dates in any order with a time of day, or a time of day alone."""
+"""Parser of times written as text: ISO 8601, dates in any order with a time of day, or a time of day alone."""
 
 import re
 
@@ -11,14 +11,15 @@ DAY_S = 86_400.0
 
 
 def is_clock(cell: str) -> bool:
-    """Return whether a cell contains a time of day, such as 10:15:00.25 or 3:15:00 PM."""
+    """Return True if a cell contains a time of day, such as 10:15:00.25 or 3:15:00 PM."""
     return _CLOCK.search(cell) is not None
 
 
 def seconds_of(cells: list[str]) -> Floats:
-    """Return seconds (n,) since the midnight before the first time; NaN for a cell without a time of day.
+    """Convert times of day, as texts, to seconds (n,) since the midnight before the first time.
 
-    A step back of more than half a day begins the next day.
+    The result is NaN for a cell without a time. A step back of more than half a day begins the next day; a step ahead
+    of more than half a day begins the day before.
     """
     time = np.array([_second(cell) for cell in cells], np.float64)
     steps = np.diff(time)

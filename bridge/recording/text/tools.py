@@ -1,4 +1,4 @@
-"""Columns of known tools' exports: one TOML file per tool, in configs/columns or a user's own.
+"""Descriptions of known tools' exports: one TOML file per tool, in configs/columns or a user's own.
 
 summary = "Sensor Logger's Gyroscope.csv"
 header = ["seconds_elapsed", "z", "y", "x"]   recognised if the header has all these names
@@ -26,8 +26,9 @@ _FOLDERS = (
 
 
 class Vector(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Three columns, x y z, of a tool's export, with their unit or their raw counts per °/s or per g.
+    """Three columns, x y z, of a tool's export, with the unit or the sensitivity of their numbers.
 
+    unit: empty if unknown. sensitivity: raw counts per °/s or per g; 0 if the numbers are not counts.
     Raises ValueError for an unknown unit or a sensitivity out of range.
     """
 
@@ -42,7 +43,7 @@ class Vector(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
             raise ValueError(f"sensitivity is {self.sensitivity:g}: give the counts per °/s or per g")
 
     def factor(self, known: dict[str, float], per: str) -> float | None:
-        """Return the factor from the column's numbers to SI; None if the tool's file does not fix the unit.
+        """Return the factor from the columns' numbers to SI; None if the tool's file states no unit.
 
         known: factors to SI by unit. per: unit of the sensitivity, `deg/s` or `g`.
         """
@@ -50,9 +51,9 @@ class Vector(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
 
 class Time(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Column that holds each sample's time in a tool's export, and its unit, empty if unknown.
+    """Time column of a tool's export. column: its name. unit: unit of its numbers; empty if unknown.
 
-    Raises ValueError for a unit that truerate does not know.
+    Raises ValueError for an unknown unit.
     """
 
     column: str
@@ -64,10 +65,10 @@ class Time(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
 
 class Tool(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Export of one tool: its columns, and how its files are recognised.
+    """Description of one tool's export: its columns, and how its files are recognised.
 
-    header: names that the header must have, case-sensitive, as other tools' names may differ by case alone.
-    file: pattern of the file's name, such as `*gyro*`. summary: the tool, for the user.
+    header: column names that the file must have; case-sensitive, as names of other tools may differ by case alone.
+    file: pattern of the file name, such as `*gyro*`. summary: name of the tool, for the user.
     """
 
     summary: str = ""
@@ -78,14 +79,17 @@ class Tool(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     time: Time | None = None
 
     def is_of(self, path: Path, names: list[str]) -> bool:
-        """Return whether a file is an export of this tool: its name fits, and its column names include the tool's."""
+        """Return True if a file is an export of this tool, by its name and its column names.
+
+        names: column names of the file, which must include those of `header`.
+        """
         there = set(names)
         fits = fnmatch(path.name.lower(), self.file.lower())
         return bool(self.header) and fits and there.issuperset(self.header)
 
 
 def plain(name: str) -> str:
-    """Return a column's name in the form used for comparison: lower case, single blanks."""
+    """Return a column's name in its form for comparison: lower case, with single blanks."""
     return " ".join(name.lower().split())
 
 
@@ -96,8 +100,8 @@ def known() -> dict[str, Tool]:
 
 
 def tool(name: str) -> Tool:
-    """Load a shipped tool by its name, or a tool from a user's .toml file by its path.
+    """Load the description of a tool's export: a shipped one by name, or a user's .toml file by path.
 
-    Raises ConfigError for an unknown name and an invalid file.
+    Raises ConfigError for an unknown name or an invalid file.
     """
     return load(file_of(name, "tool with columns", _FOLDERS), Tool)
