@@ -33,14 +33,26 @@ def cut(
 
     found (m, 22): judged windows of kernels/stillness.py. All times are device time, s.
     first: number of the sample to which index 0 in `found` refers. begin: index of the first window's first sample.
-    waiting (WAITING, 6), changed in place: one row per waiting window. Columns: begin and end time, 1 if still as long
-    as stillness lasts, first sample and the one after the last, 1 with an accelerometer.
-    state (9,), changed in place: end time of the last moving window; number of waiting windows; seven values of the
-    present second: 1 if there is one, its begin time, its first sample, 1 if its latest window is still, 1 if all are
-    still, 1 if all have an accelerometer; number of spikes in all windows so far.
     knobs (3,): length, least length, and settling time of a second, s.
     Each result row: index of the window that completes the second, its first sample and the one after its last, 1 if
         still, 1 with an accelerometer.
+
+    waiting (WAITING, 6), changed in place, has one row per waiting window:
+
+        0, 1   begin and end time
+        2      1 if the window is still, provided that the stillness lasts
+        3, 4   numbers of its first sample and of the one after its last
+        5      1 with an accelerometer
+
+    state (9,), changed in place:
+
+        0      end time of the last moving window
+        1      number of waiting windows
+        2      1 if a second is in progress; the next five values describe it
+        3, 4   begin time, and number of its first sample
+        5, 6   1 if its latest window is still; 1 if all its windows are still
+        7      1 if all its windows have an accelerometer
+        8      number of spikes in all windows so far
     """
 
     def close(row: Floats, window: int, behind: float) -> None:

@@ -74,7 +74,7 @@ def summed(read: Floats, mean: Floats, std: Floats) -> None:
 
 
 def mended(read: Floats, clipped: Floats, before: Floats, spikes: tuple[float, float, float]) -> int:
-    """Replace spikes in the gyro columns of readings (n, 6) by the mean of their neighbours; return the number of samples.
+    """Replace spikes in the gyro columns of readings (n, 6) by their neighbours' mean; return how many samples had one.
 
     clipped (n,): flags, cleared for corrected samples. before (3,): the gyro reading before the first, rad/s.
     spikes: three limits for the distance of a spike from that mean: in rad/s, relative to the median distance, and

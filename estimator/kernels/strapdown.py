@@ -91,7 +91,7 @@ def turned(dt: Floats, rate: Floats, force: Floats, carried: Floats, end: Floats
 
 
 def moved_ahead(dt: Floats, force: Floats, carried: Floats, push: Floats) -> Floats:
-    """Velocity changes (9, n), m per rad, that a rotation error in each sample causes.
+    """Velocity changes (9, n) that a rate error in each sample causes, m/s per rad/s.
 
     dt (n,): s. force (n, 3): m/s², in axes of the span's begin. carried (9, n): result of `turned`.
     push (3,), written: the sum of force times dt, m/s.
