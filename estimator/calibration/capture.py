@@ -99,7 +99,7 @@ class TurnCapture:
 
     @property
     def checked_by_gravity(self) -> bool:
-        """True if gravity before and after can show whether the turn was full.
+        """True if gravity before and after the turn can prove a full turn.
 
         The axis of the turn must then be less than 45° from the horizon. False without an accelerometer.
         """
@@ -148,7 +148,7 @@ class History:
     def take(self, rows: Floats) -> None:
         """Append rows (n, 9), n > 0, and drop blocks of rows older than `keep_s` seconds.
 
-        Columns and units: samples/sample_buffer.py (time s, gyro rad/s, accelerometer m/s², clipped flag).
+        Columns: device time (s), gyro (3, rad/s), accelerometer (3, m/s²), clipped (0 or 1), temperature (°C).
         """
         held, oldest_needed = self._held, rows.item(-1, TIME) - self._keep_s
         held.append(rows)

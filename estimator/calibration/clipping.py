@@ -1,12 +1,13 @@
-"""Detection of gyro readings clipped at the end of the full-scale range, whether the range is known or not.
+"""Detection of gyro readings clipped at the end of a known or unknown full-scale range.
 
 Known range: readings from 99 % of the range are clipped. A reading above 102 % shows that the device uses another
     range, which is then unknown.
 Unknown range: the largest reading of a movement repeats if it is clipped. A hand passes its fastest moment only once.
 The test compares counts in rounding steps of the gyro. A smooth movement spends 1.45 times as long in the five steps
 below its highest step as in the highest step itself.
-A matrix or a filter after the clipping blurs the end of the range. The test is then repeated with a step of a
-thousandth of the largest reading. It also demands that these readings scatter less than the gyro does at rest.
+Processing after the clipping, by a matrix or a filter, blurs the end of the range. The test is then repeated with a
+step of a thousandth of the largest reading. It also demands that these readings scatter less than the gyro does at
+rest.
 """
 
 from math import inf

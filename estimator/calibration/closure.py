@@ -128,8 +128,8 @@ def _with_scatter(told: Evidence, found: Fit, honest_p: float) -> Evidence:
 def evidence(capture: Capture, knobs: ClosureKnobs, ends: tuple[End, ...], placed: Replacement) -> Evidence:
     """Stack the rests and three turns of one session into the arrays of the fit (Evidence with s = 1).
 
+    knobs: assumed error sizes. placed: assumed re-placement error, rad.
     ends: measured or assumed end attitude of each turn.
-    placed: assumed re-placement error, rad.
     The fitted bias is the bias at the middle of the last rest.
     """
     rests, turns = capture.rests or (capture.rest,), capture.turns

@@ -124,7 +124,8 @@ def collect(movements: Sequence[Movement]) -> Transitions:
 class Problem:
     """Least-squares problem of gravity propagation: residuals of theta (21,) with their derivatives and covariance.
 
-    theta: bias, matrix and accelerometer errors, in the order and units of the module's table.
+    theta: gyro bias (3) rad/s, gyro matrix (9) without unit, accelerometer bias (3) m/s², scale (3) and shear (3)
+        relative.
     data: rests and movements.
     knobs: assumed error sizes and priors.
     """
@@ -142,9 +143,10 @@ class Problem:
         self._prior_std = np.concatenate([np.full(3, np.inf), np.full(3, knobs.scale), off, knobs.accel.std()])
 
     def solve(self, theta: Floats) -> Floats:
-        """Solve for theta (21,) by Levenberg-Marquardt; order and units as in the module's table.
+        """Solve for theta (21,), gyro bias (rad/s), matrix and accelerometer errors, by Levenberg-Marquardt.
 
-        theta (21,): start value. The weights are recomputed once, at the first solution.
+        theta (21,): start value, in the order and units of the class. The weights are recomputed once, at the first
+            solution.
         """
         for _ in range(2):
             r, J, factor = self.whitened(theta)

@@ -71,9 +71,9 @@ class CalibrationSession:
         return self._stages.still_s
 
     def take(self, rows: Floats) -> None:
-        """Store the samples of one or more windows: rows (n, 9) in columns of samples/sample_buffer.py.
+        """Store the samples of one or more windows: rows (n, 9). Call `judge` for each window afterwards.
 
-        Columns: device time s, gyro rad/s, accelerometer m/s², clipped flag. Call `judge` for each window afterwards.
+        Columns: device time (s), gyro (3, rad/s), accelerometer (3, m/s²), clipped (0 or 1), temperature (°C).
         """
         self._history.take(rows)
 
@@ -123,7 +123,7 @@ class CalibrationSession:
 
     @property
     def movements(self) -> tuple[Movement, ...]:
-        """All movements kept between rests, full turns or not, in the order of time."""
+        """Movements kept between rests, full turns or not, in the order of time."""
         return tuple(self._movements.kept)
 
     def unfinished(self) -> Result:

@@ -75,7 +75,6 @@ def fit(data: Transitions, knobs: TransitionKnobs | None = None) -> Fit:
     """Fit bias (rad/s), 3x3 gyro matrix and accelerometer errors to all movements by weighted least squares.
 
     data: rests and movements. knobs: assumed error sizes and priors.
-    The order and units of the 21 parameters are in gravity_propagation.
     Raises LinAlgError when the movements do not determine the parameters.
     """
     knobs = knobs or TransitionKnobs()

@@ -1,6 +1,6 @@
 """Rotation path of a gyro between two rests, with the sensitivity of its end attitude to the gyro's parameters.
 
-A small error of the rates, delta(t) (rad/s) in sensor axes, moves the end attitude R to exp(phi) R, where phi = sum C
+A small rate error delta(t) (rad/s), in sensor axes, moves the end attitude R to exp(phi) R. The rotation phi is sum C
 delta dt (rad). C is the attitude in the middle of each sample interval dt (s). It rotates the error into the frame of
 the start.
 """

@@ -50,7 +50,7 @@ def chained(steps: Floats) -> Floats:
 
 
 def coned(steps: Floats) -> Floats:
-    """Coning correction of rotation steps (…, n, 3), rad: adds the effect of a rate whose direction changes within a step.
+    """Coning correction of rotation steps (…, n, 3), rad: adds the effect of a rotation axis that moves within a step.
 
     Each step is the integral of the rate over its interval. The rate is assumed linear over a step and the step before:
     corrected step = step + 1/12 (step before) x step.

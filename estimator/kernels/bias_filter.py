@@ -78,6 +78,8 @@ def given(first: int, L: Floats, a: Floats, y: Floats, S: Floats) -> None:
 def weighed(z: Floats, H: Floats, R: Floats, x: Floats, P: Floats, first: int) -> tuple[Floats, Floats, float, float]:
     """Innovation (m,) of z against H x, its covariance S (m, m), and the NIS of two groups of elements of z.
 
+    z (m,), R (m, m), H (m, n): measurement, its covariance and its derivatives. x (n,), P (n, n): state and covariance.
+    Results are in the units of z; the NIS has none.
     The groups are the first `first` elements of z, and the others. The values of the other elements are conditional on
     the first ones. S then has zeros between the two groups.
     The NIS is infinite where z, H or R is not finite, or where R leaves an element of z without noise.

@@ -51,14 +51,14 @@ def carried(
 ) -> None:
     """Integrate attitude states (k, SIZE) over samples, rows (n, 9), in place; write the results to out (n, WIDTH).
 
-    rows: columns of samples/sample_buffer.py.
+    rows: device time (s), gyro (3, rad/s), accelerometer (3, m/s²), clipped, temperature (°C).
     which, counts (m,): the first counts[0] rows belong to device which[0], the next counts[1] to device which[1], and
         so on.
     known (m, KNOWN): sensor errors of each of these, as orientation/attitude.py packs them.
     knobs (11,): settings in the order of orientation/attitude.py.
     out: quaternion sensor to earth (4), and acceleration without gravity in earth axes (3, m/s²).
-    cov (n, 6) or (m, 6), written: covariance of phi (xx, xy, xz, yy, yz, zz), rad², of every sample, or of the last row
-    of each device.
+    cov, written: covariance of phi (xx, xy, xz, yy, yz, zz), rad². It is (n, 6) for every sample, or (m, 6) for the
+        last row of each device.
     trace (n, TRACE), written, for `smoothed`; or (0, TRACE) for no trace.
     """
     g, limit = 9.80665, np.pi**2 / 3  # the variance of an angle of which nothing is known

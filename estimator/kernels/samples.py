@@ -61,16 +61,25 @@ def unpacked(
 ) -> None:
     """Unpack the samples of m messages into rows (n, 9) and places (n, 3) of samples/sample_buffer.py, with checks.
 
-    numbers (6, m): per message the number of samples, the bytes of accel, temperature and flags, the first sequence
-        number, and the first host time (ns since the Unix epoch).
-    clocks (2, m): tick period (s), and clock rate (host seconds per device second).
-    ticks: the ticks of all messages one after the other, packed as on the wire. Behind them in memory follow all gyro,
-        then all accel, temperature and flags values.
-    floats, words: views of the same memory as two types.
-    limits (7,): largest gyro (rad/s), accel (m/s²), temperature (°C) and host time (ns); then masks of known flags, of
-        flags that make a reading unfit, and of flags that make its temperature unfit.
+    rows, written: device time (s), gyro (3, rad/s), accelerometer (3, m/s²), clipped, temperature (°C).
+    places, written: sequence number, host time (ns since the Unix epoch), flags.
     found (3, m), written: device time (s) of the first and last sample of each message, and 1 if all its samples are
     valid.
+    clocks (2, m): tick period (s), and clock rate (host seconds per device second).
+    ticks: the ticks of all messages one after the other, packed as on the wire. Behind them in memory follow all gyro,
+        then all accelerometer, temperature and flags values.
+    floats, words: views of the same memory as two types.
+
+    numbers (6, m), per message:
+
+        0         number of samples
+        1, 2, 3   bytes of accelerometer, temperature and flags; 0 where absent
+        4, 5      sequence number and host time (ns since the Unix epoch) of the first sample
+
+    limits (7,):
+
+        0, 1, 2, 3   largest gyro (rad/s), accelerometer (m/s²), temperature (°C) and host time (ns)
+        4, 5, 6      masks of known flags, of flags for an unfit reading, and of flags for an unfit temperature
     """
     known, unfit, stepped = np.uint32(limits[4]), np.uint32(limits[5]), np.uint32(limits[6])
     gyro, accel, celsius, flags = starts(numbers, len(ticks))
@@ -108,7 +117,7 @@ def corrected(
 ) -> bool:
     """Write corrected rates (n, 3), rad/s, of rows (n, 9), limited to ±limit; return True if any rate was beyond the limit.
 
-    rows: columns of samples/sample_buffer.py.
+    rows: device time (s), gyro (3, rad/s), accelerometer (3, m/s²), clipped, temperature (°C).
     counts (m,), parameters (m, 12): the first counts[0] rows use parameters[0], and so on. Each has the matrix (9, by
     rows) and the bias (3, rad/s).
     limit: rad/s. beyond (n,), written: True for samples that were limited.

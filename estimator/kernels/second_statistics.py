@@ -1,4 +1,4 @@
-"""Kernel of tracking/seconds.py: statistics of the readings of a second."""
+"""Kernel of tracking/seconds.py: statistics (mean, scatter, rounding step) of the readings of a second."""
 
 import numpy as np
 

@@ -77,7 +77,7 @@ def mended(read: Floats, clipped: Floats, before: Floats, spikes: tuple[float, f
     """Replace spikes in the gyro columns of readings (n, 6) by their neighbours' mean; return how many samples had one.
 
     clipped (n,): flags, cleared for corrected samples. before (3,): the gyro reading before the first, rad/s.
-    spikes: three limits for the distance of a spike from that mean: in rad/s, relative to the median distance, and
+    spikes: three least distances of a spike from that mean. They are in rad/s, relative to the median distance, and
         relative to the distances of its neighbours.
     """
     n, (far, unusual, alone) = len(read), spikes

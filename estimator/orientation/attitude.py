@@ -6,8 +6,8 @@ Earth axes: z up, x and y horizontal. The heading counts from its zero: the begi
 Levelling: the specific force is averaged in earth axes, which turn with the gyro's errors only (D. Laidig and T. Seel,
     "VQF: Highly accurate IMU orientation estimation with bias estimation and magnetic disturbance rejection",
     Information Fusion 91 (2023), eqs. 4 to 10). VQF uses a fixed low-pass filter. Here a Kalman filter of tilt and
-    velocity measures the wearer's velocity as zero instead, with a variance that grows with the motion (as in
-    tracking/gravity.py). Its gain is computed for a typical gyro.
+    velocity measures the wearer's velocity as zero instead. The variance of this measurement grows with the motion, as
+    in tracking/gravity.py. The filter gain is computed for a typical gyro.
 
 Covariance: the effect of this gain on the errors of the actual gyro. Bias, matrix and accelerometer bias are constant
     unknowns. The filter propagates the sensitivity of the attitude to each of them ("consider" states, S. F. Schmidt,
@@ -142,7 +142,8 @@ class Attitude:
     def take(self, rows: Floats, known: Floats) -> Oriented:
         """Integrate the attitude over n samples; return attitude, acceleration (m/s²) and covariance (rad²) at each.
 
-        rows (n, 9): columns of samples/sample_buffer.py. known (38,): result of the function `known`.
+        rows (n, 9): device time (s), gyro (3, rad/s), accelerometer (3, m/s²), clipped (0 or 1), temperature (°C).
+        known (38,): sensor errors, result of the function `known`.
         """
         return orient([(self, rows, known)], every=True)[0]
 
@@ -174,9 +175,9 @@ class Attitude:
 def orient(due: Sequence[tuple[Attitude, Floats, Floats]], *, every: bool = False) -> list[Oriented]:
     """Integrate attitudes over samples of any number of devices, in one compiled loop; return one result per element.
 
-    due: elements (attitude, rows (n, 9) of samples/sample_buffer.py, known (38,)). A device may come several times, in
-        the order of time.
-    every: True for the covariance at each sample, False for that at the last sample of each element.
+    due: elements (attitude, rows (n, 9), known (38,)), as for `Attitude.take`. A device may come several times, in the
+        order of time.
+    every: True for the covariance (rad²) at each sample, False for that at the last sample of each element.
     The bits do not depend on how samples are split into calls.
     """
     return _carry(due, np.empty((0, loop.TRACE)), every=every) if due else []

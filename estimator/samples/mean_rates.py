@@ -25,9 +25,9 @@ class MeanRates:
     """Averager of one device's corrected rates over intervals of 1/hz device seconds.
 
     hz: rate of the means, Hz.
-    A mean is a batch of one sample: number and times of the last sample of its interval, mean rate in rad/s, all flags
-        of the samples, and noise_std (rad/s) of the mean. The other standard deviations stay unchanged, because
-        averaging does not reduce them.
+    A mean is a batch of one sample, with the number and times of the last sample of its interval. It has the mean rate
+    (rad/s), all flags of the samples, and noise_std (rad/s) of the mean. The other standard deviations stay unchanged,
+    because averaging does not reduce them.
 
     The intervals end at multiples of 1/hz of the device's clock, so the means do not depend on batches or on where a
     stream resumes. A sample covers the time before its tick: at the end of an interval it belongs to that interval.

@@ -30,8 +30,10 @@ _ROOM = 256
 
 
 class Samples(NamedTuple):
-    """Decoded samples of one message: rows (n, 9) float64 and places (n, 3) int64, columns as in the module's table.
+    """Decoded samples of one message: rows (n, 9) float64 and places (n, 3) int64.
 
+    rows: device time (s), gyro (3, rad/s), accelerometer (3, m/s²), clipped (0 or 1), temperature (°C).
+    places: sequence number, host time (ns since the Unix epoch), flags.
     sequence: number of the first sample since boot. n: number of samples.
     first_s, last_s: device time of the first and the last sample, s.
     receive_time_ns: host time of receipt at the bridge, ns since the Unix epoch.
@@ -109,7 +111,7 @@ class SampleBuffer:
     def put(self, parts: Sequence[tuple[Floats, Wholes]]) -> None:
         """Append samples.
 
-        parts: pairs of rows (n, 9) and places (n, 3), columns as in the module's table.
+        parts: pairs of rows (n, 9) and places (n, 3), with columns and units as in `Samples`.
         """
         rows, places = zip(*parts, strict=True)
         n = sum(map(len, rows))
@@ -120,11 +122,11 @@ class SampleBuffer:
         np.concatenate(places, out=self._places[begin : self._end])
 
     def rows(self, begin: int, end: int) -> Floats:
-        """Rows (n, 9) of the samples numbered `begin` up to but not including `end`; columns as in the module's table."""
+        """Rows (n, 9) of the samples numbered `begin` up to but not including `end`; columns and units as in `Samples`."""
         return self._rows[begin - self._first : end - self._first]
 
     def places(self, begin: int, end: int) -> Wholes:
-        """Places (n, 3) of the samples numbered `begin` up to but not including `end`; columns as in the module's table."""
+        """Places (n, 3) of the samples numbered `begin` up to but not including `end`: sequence number, host time (ns), flags."""
         return self._places[begin - self._first : end - self._first]
 
     def place(self, number: int) -> tuple[int, int]:
@@ -138,7 +140,7 @@ class SampleBuffer:
         return self._places.item(at, SEQUENCE), self._places.item(at, HOST_NS)
 
     def forget(self, number: int) -> None:
-        """Drop the samples whose number in the buffer is below `number`."""
+        """Drop the samples numbered below `number` in the buffer."""
         self._begin = max(self._begin, number - self._first)
 
     def _make_room(self, more: int) -> None:

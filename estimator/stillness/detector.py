@@ -55,8 +55,9 @@ def too_seldom(rate_hz: float) -> Sentences:
 
 
 class Window(NamedTuple):
-    """Short run of n samples, judged still or moving: rows (n, 9) as in samples/sample_buffer.py, spikes corrected.
+    """Short run of n samples, judged still or moving, with spikes corrected.
 
+    rows (n, 9): device time (s), gyro (3, rad/s), accelerometer (3, m/s²), clipped (0 or 1), temperature (°C).
     start, end: numbers of the first sample and of the one after the last, counted from the first sample of the stream.
     start_time, end_time: device time of the first and the last sample, s.
     summed (12,): mean of gyro (3, rad/s) and accelerometer (3, m/s²), then their standard deviations.
@@ -91,9 +92,10 @@ class Window(NamedTuple):
 
 
 class Windows:
-    """Consecutive windows of rows (n, 9) as in samples/sample_buffer.py, with their judgements `found` (m, 22).
+    """Consecutive windows of a stream, with their judgements.
 
-    found: columns as in kernels/stillness.py.
+    rows (n, 9): device time (s), gyro (3, rad/s), accelerometer (3, m/s²), clipped (0 or 1), temperature (°C).
+    found (m, 22): one row per window, columns as in kernels/stillness.py.
     first: number of rows[0], counted from the first sample of the stream.
     begin: index in rows of the first window's first sample.
     """
@@ -133,7 +135,10 @@ class Windows:
 
     @property
     def samples(self) -> tuple[int, Floats]:
-        """Number of the first sample, and the rows (n, 9) of all windows in columns of samples/sample_buffer.py."""
+        """Number of the first sample, and the rows (n, 9) of all windows.
+
+        Columns: device time (s), gyro (3, rad/s), accelerometer (3, m/s²), clipped (0 or 1), temperature (°C).
+        """
         end = int(self.found.item(-1, 2)) if len(self) else self.begin
         return self.first + self.begin, self.rows[self.begin : end]
 
@@ -155,7 +160,7 @@ class Windows:
 class StillnessState(StateStruct):
     """Saved state of the stillness detector.
 
-    state (5, 4), recent (16, 7): see kernels/stillness.py.
+    state (5, 4), recent (16, 7): arrays of kernels/stillness.py.
     noise_std (3,): standard deviation of one gyro reading at rest, rad/s. noise_known: True if a rest has shown it.
     next: number of the first sample of the next window.
     """

@@ -130,7 +130,10 @@ def work(of: AnalysisScenario, job: Job) -> Arrays:
 
 
 def results(of: AnalysisScenario, parts: Parts) -> Analysis:
-    """Compute rms errors, bounds and NEES for each factor, value and method from the arrays of all jobs."""
+    """Compute rms errors, bounds and NEES for each factor, value and method from the arrays of all jobs.
+
+    Errors of the scale factors k have no unit, those of the bias b are in °/s.
+    """
     rows = []
     for factor in of.factors:
         for how in factor.sampling:

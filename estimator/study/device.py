@@ -146,7 +146,8 @@ def record(
 ) -> Recorded:
     """Simulate a recording of one boot of the device, moved by the pieces of motion.
 
-    zero_g: ± limit of the accelerometer's offset, m/s², in place of the device's.
+    rng: random numbers of noise, bias wander and start direction.
+    zero_g: ± limit of the accelerometer's offset, m/s²; None for the device's own limit.
     """
     ends_s = np.cumsum([piece.duration_s for piece in pieces])
     time_s = np.arange(1, int(ends_s[-1] * device.rate_hz) + 1) / device.rate_hz

@@ -59,7 +59,7 @@ class Honesty(Struct, frozen=True):
 
 
 class Errors(Struct, frozen=True):
-    """Results of the study: errors by row, and consistency of closure's covariance by noise."""
+    """Results of the study: errors by parameter, method and noise (°/s), and consistency of closure's covariance by noise."""
 
     rows: list[Row]
     honesty: list[Honesty]
@@ -70,7 +70,10 @@ class Errors(Struct, frozen=True):
 
 
 def results(scenario: ErrorsScenario, parts: Parts) -> Errors:
-    """Compute the spread of each parameter's errors by noise and method, and the NEES of closure, from all runs."""
+    """Compute the spread of each parameter's errors by noise and method, and the NEES of closure, from all runs.
+
+    Errors of the scale factors k have no unit, those of the bias b are in °/s.
+    """
     rows, honesty = [], []
     for noise, band in zip(scenario.noise_dps, scenario.paper_band, strict=True):
         found = simulation.joined(list(simulation.at_noise(parts, noise).values()))
@@ -118,7 +121,7 @@ def tables(found: Errors) -> Sequence[RenderableType]:
 
 
 def findings(found: Errors) -> Sequence[Finding]:
-    """Judge figure 7 of Wang et al. 2024: are the errors unbiased and within the paper's band?"""
+    """Judge figure 7 of Wang et al. 2024: errors without bias, most of them within the paper's band."""
     rows = [row for row in found.rows if row.method == "algorithm1"]
     zero = sum(holds(row.error.median_ci, 0.0) for row in rows)
     least = min(row.inside for row in rows)

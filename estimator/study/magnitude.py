@@ -124,7 +124,7 @@ def tables(found: Magnitude) -> Sequence[RenderableType]:
 
 
 def findings(found: Magnitude) -> Sequence[Finding]:
-    """Judge figure 9 of Wang et al. 2024: is the magnitude closer to the truth after calibration?"""
+    """Judge figure 9 of Wang et al. 2024: the magnitude of the rate is closer to the truth after calibration."""
     said, closer = [], True
     for sensor, label in found.labels.items():
         before, after = (found.error(sensor, name) for name in ("raw", "turn360"))

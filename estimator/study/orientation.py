@@ -97,7 +97,7 @@ def work(of: Inputs, job: Job) -> Arrays:
 
 
 def results(scenario: VerificationScenario, parts: Parts) -> Orientation:
-    """Compute the spread of the angle's errors over the sessions, and collect the first session of each sensor."""
+    """Compute the spread of the angle's errors (degrees) over the sessions, and collect the first session of each sensor."""
     devices = inputs(scenario).devices
     rows, traces = [], []
     for sensor in devices:

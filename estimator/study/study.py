@@ -1,4 +1,7 @@
-"""Definition of a study: a scenario from a TOML file, jobs whose parts become results, tables, figures and findings."""
+"""Definition of a study: a scenario from a TOML file, and jobs that compute arrays.
+
+Results, tables, figures and findings are made from these arrays.
+"""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass

@@ -82,7 +82,7 @@ def _simulated(of: TypicalScenario, gyro: PaperGyro) -> tuple[NDArray[np.float64
 
 
 def results(of: TypicalScenario, _: Parts) -> Typical:
-    """Simulate a session, find the turns in its readings alone, and calibrate by Algorithm 1."""
+    """Simulate a session, find the turns in its readings alone (begin and end in s), and calibrate by Algorithm 1."""
     truth = gyro_of(of.seed, of.set_number)
     gyro, turns = _simulated(of, truth)
     time_s = np.arange(1, len(gyro) + 1) / of.rate_hz

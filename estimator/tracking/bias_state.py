@@ -1,4 +1,4 @@
-"""State of the bias filter, its initial value, and its process noise; letters as in bias_filter.py."""
+"""State of the bias filter (bias in rad/s, slope by temperature in rad/s/K), its initial value, and its process noise."""
 
 from dataclasses import dataclass
 from math import exp, expm1, radians

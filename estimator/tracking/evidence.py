@@ -1,4 +1,7 @@
-"""Evidence (a measurement for the bias filter), and the receipt of each update; letters as in bias_filter.py."""
+"""Evidence (a measurement for the bias filter), and the receipt of each update.
+
+Letters: measurement z with covariance R and observation matrix H, state x (bias in rad/s first).
+"""
 
 from typing import NamedTuple
 

@@ -46,7 +46,11 @@ _VELOCITY_SEEN = np.eye(SIZE)[VELOCITY]
 
 @dataclass(frozen=True, slots=True)
 class GravityKnobs:
-    """Noise settings of the gravity evidence: accelerations in m/s², velocities in m/s, angles in rad."""
+    """Noise settings of the gravity evidence: accelerations in m/s², velocities in m/s, angles in rad.
+
+    accel_noise: m/s² per root Hz. accel_walk: m/s² per root second. accel_pose: m/s² per rad. way_share: rad per rad.
+    speed_per_unrest: m/s per m/s. doubt: NIS with 3 degrees of freedom.
+    """
 
     #: m/s, standard deviation of a wearer's mean speed over a span: without unrest, added for each m/s of unrest, and at most.
     #: A limb shaken harder gets no farther; a walker reaches the limit

@@ -73,8 +73,9 @@ class Second(NamedTuple):
 class SecondsState(StateStruct):
     """Saved state of `Seconds`.
 
-    gathered (9,), waiting (k, 6): see second_cuts.py.
-    before (9,): last sample before the present second, in columns of samples/sample_buffer.py, or None.
+    gathered (9,), waiting (k, 6): arrays `state` and `waiting` of second_cuts.py.
+    before (9,): last sample before the present second, or None: time (s), gyro (rad/s), accelerometer (m/s²), clipped,
+        °C.
     step (3,): smallest difference between readings so far, rad/s.
     noisy: per axis, True if the readings never repeat at rest.
     """
@@ -107,7 +108,8 @@ class Seconds:
     def restore(self, state: SecondsState, first: int, samples: Floats) -> None:
         """Restore a saved state, with the samples that it still needs.
 
-        samples (n, 9): columns of samples/sample_buffer.py, numbered from `first` on.
+        samples (n, 9): numbered from `first` on; time (s), gyro (rad/s), accelerometer (m/s²), clipped, temperature
+            (°C).
         Raises ValueError when the state is damaged or needs other samples.
         """
         shaped(state.gathered, 9)

@@ -50,8 +50,9 @@ class History:
     def add(self, time: float, x: Floats, P: Floats, step: Step, bent: Floats | None = None) -> None:
         """Store the filter's state x (n,) and covariance P (n, n) at a device time, s, and the step that predicted them.
 
-        step: prediction step with F and Q (n, n). Order and units as in bias_filter.py; the first 6 states are kept.
-        bent (6,): known change that the prediction added to these states, or None.
+        x: bias (3) rad/s, slope by temperature (3) rad/s/K, then appended states; the first 6 are kept.
+        step: prediction step with F and Q (n, n).
+        bent (6,): known change that the prediction added to the first 6 states, in their units, or None.
         """
         known = self._steps[-1].known if self._steps else _NOTHING
         F = step.F[:OWN, :OWN]

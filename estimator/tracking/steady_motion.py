@@ -1,4 +1,4 @@
-"""Detection of steady motion: a walker, whose velocity stays the same over many seconds.
+"""Detection of steady motion: a walker, with a velocity that stays the same over many seconds.
 
 The gravity evidence measures the mean velocity of each second as zero, with an independent error. A walker's velocity
 persists, so the errors of n seconds are one error rather than n. The innovations (m/s) reveal this by their
@@ -8,7 +8,7 @@ correlation:
 
 R is the variance of the measurement, (m/s)² per axis; c has no unit. In a walk c is about 0.2 while the filter explains
 the velocity by a tilt, and 0.6 once it does not. For a wearer who moves about in one place c stays below 0.1, however
-fast. R is enlarged in proportion to c - 0.1.
+fast. R grows in proportion to c - 0.1.
 Source: innovation correlation as a measure of R, R. K. Mehra, "On the identification of variances and adaptive Kalman
     filtering", IEEE Trans. Automatic Control 15 (1970). The coefficients come from tests/bench/honesty.py and
     tests/bench/tracking.py.

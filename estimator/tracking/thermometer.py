@@ -44,7 +44,10 @@ class Thermometer(StateStruct):
         return self.reading - self.now if self.averages else 0.0
 
     def read(self, time: float, celsius: float) -> None:
-        """Add a reading at a device time, s; a reading that is not finite is ignored."""
+        """Add a reading, °C, at a device time, s; a reading that is not finite is ignored.
+
+        A change of more than 2 K from the average must last 10 s before readings are accepted again.
+        """
         if not isfinite(celsius):
             return
         if self.averages and abs(celsius - self.now) > self._believable(time):

@@ -116,8 +116,9 @@ class TrackedBias:
         """Restore a saved state exactly.
 
         model: the gyro model in use.
-        samples (n, 9): the samples still needed, in columns of samples/sample_buffer.py. first: number of the first of
-            these.
+        samples (n, 9): the samples still needed; time (s), gyro (rad/s), accelerometer (m/s²), clipped, temperature
+            (°C).
+        first: number of the first of these samples.
         Raises ValueError when the state is damaged; the tracker is then unusable.
         """
         self._model, self.law, self.law_refuted = model, saved.law, saved.law_refuted
@@ -277,7 +278,7 @@ class TrackedBias:
             self._filter.extend(self._gravity.extend(self._filter.state, model.scale_std, model.cross_std))
 
     def corrected_by(self, model: GyroModel) -> None:
-        """Use a gyro model whose matrix was estimated from gravity (see `surer`); tracking continues."""
+        """Use a gyro model with a matrix estimated from gravity (see `surer`); tracking continues."""
         self._model = model
         x = self._filter.x.copy()
         x[MATRIX] = 0.0
