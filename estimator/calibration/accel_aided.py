@@ -1,7 +1,7 @@
 """Two-step gyro calibration by gravity in many poses: the accelerometer first, then the gyro matrix against it.
 
 Source: D. Tedaldi, A. Pretto, E. Menegatti, "A robust and easy to implement method for IMU calibration without external
-    equipments", ICRA 2014, after Fong, Ong, Nee 2008. Letters:
+equipments", ICRA 2014, after Fong, Ong, Nee 2008. Letters:
 
     T, a0   accelerometer: upper triangular matrix (6 elements, no unit) and offset (3,), m/s²
     G       9.80665 m/s²; |T (a - a0)| = G for the mean reading a, m/s², at every rest
@@ -56,7 +56,7 @@ def by_accel_aided(capture: Capture) -> Result:
     capture: uses the movements between rests with accelerometer readings; the result only reports the turns.
     Verdict REPEAT without an estimate: fewer than nine distinct poses, or poses that do not determine the matrix.
     Verdict REPEAT with an estimate: a standard deviation of a matrix element is above 0.02. Verdict REFUSED:
-        implausible scale factors.
+    implausible scale factors.
     """
     movements = capture.movements
     data = collect(movements)

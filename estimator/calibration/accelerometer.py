@@ -6,7 +6,7 @@ reading and bias: (3,) m/s² in sensor axes. scale: (3,), no unit. G: 9.80665 m/
 Local gravity differs from G by up to 0.3 %; the scale absorbs this difference. Cross-axis sensitivity is not estimated.
 Its size is estimated from the residuals and enters the covariance.
 Source: I. Frosio, F. Pedersini, N. A. Borghese, "Autocalibration of MEMS accelerometers", IEEE Transactions on
-    Instrumentation and Measurement 58 (2009), with bias and scale only.
+Instrumentation and Measurement 58 (2009), with bias and scale only.
 """
 
 import numpy as np

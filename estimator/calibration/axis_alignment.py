@@ -64,9 +64,9 @@ def misfit(rest: Rest, samples: Samples, matrix: Floats) -> Floats:
     samples: gyro (rad/s) and accelerometer (m/s²) readings of the movement.
     matrix (3, 3): gyro matrix, no unit: rate = matrix (reading - bias).
     Raises ValueError without accelerometer readings.
-    An accelerometer offset o is measured too, and does not turn with the device: measured - C a = (I - C) o. C (3, 3)
-        is the rotation since the rest, and a (3,) the reading at rest. Each mapping gets the offset under which it fits
-        best.
+    An accelerometer offset o (m/s²) does not turn with gravity: measured - C a = (I - C) o. Here a (3,) is the reading
+    at rest, m/s², and C (3, 3) rotates it into the present sensor axes. Each mapping gets the offset under which it
+    fits best.
     """
     if rest.accel is None or samples.accel is None:
         raise ValueError("without an accelerometer gravity cannot be measured")

@@ -1,7 +1,7 @@
 """Detection of gyro readings clipped at the end of a known or unknown full-scale range.
 
 Known range: readings from 99 % of the range are clipped. A reading above 102 % shows that the device uses another
-    range, which is then unknown.
+range, which is then unknown.
 Unknown range: the largest reading of a movement repeats if it is clipped. A hand passes its fastest moment only once.
 The test compares counts in rounding steps of the gyro. A smooth movement spends 1.45 times as long in the five steps
 below its highest step as in the highest step itself.

@@ -1,7 +1,7 @@
 """Gravity propagated through the movements of a session: residuals, derivatives and covariance under a calibration.
 
 Source: the principle is Fong, Ong, Nee, Meas. Sci. Technol. 19 (2008) 085202, and Tedaldi, Pretto, Menegatti, ICRA
-    2014. This module estimates the accelerometer's errors, the bias and the matrix together, from all rests. Letters:
+2014. This module estimates the accelerometer's errors, the bias and the matrix together, from all rests. Letters:
 
     theta   (21,): bias (3) rad/s | diagonal of M (3) | off-diagonal of M (6), rad |
             accelerometer errors (9), accelerometer_errors.PARAMETERS

@@ -1,7 +1,7 @@
 """Generalised least squares: one Gauss-Newton step, its covariance, and the misfit of the residuals.
 
 Letters: f (n,) residuals, F (n, p) their derivatives by the parameters, C (n, n) the covariance of f. Units are those
-    of the caller's residuals and parameters.
+of the caller's residuals and parameters.
 """
 
 from collections.abc import Callable

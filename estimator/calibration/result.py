@@ -130,7 +130,7 @@ def judge(
     bias_time: device time to which the bias refers, s; by default the middle of the first rest.
     note: added to the reason of an accepted result.
     Verdict REFUSED: implausible scale factors. REPEAT: a turn did not close, or a scale factor is uncertain by 0.02 or
-        more.
+    more.
     """
     turn_bias = np.tile(bias, (3, 1)) if turn_bias is None else turn_bias
     matrix, noise_std = np.diag(k), reading_std(capture.rest.std)

@@ -80,7 +80,7 @@ class CalibrationSession:
     def judge(self, begun: float, ended: float, *, still: bool) -> list[Progress]:
         """Process the next window and return the events that it completes, possibly none.
 
-        begun, ended: begin and end of the window, device time in s.
+        begun, ended: start and end of the window, device time in s.
         still: True if the stillness detector judged the window still.
         """
         settled = self._stages.take(begun, ended, still=still)

@@ -67,7 +67,7 @@ class Stages:
     def take(self, begun: float, ended: float, *, still: bool) -> Settled | None:
         """Process the next window; return Settled when stillness becomes a rest, at 2 s, else None.
 
-        begun, ended: begin and end of the window, device time in s.
+        begun, ended: start and end of the window, device time in s.
         still: True if the stillness detector judged the window still.
         """
         if not still:
@@ -149,7 +149,7 @@ def wander(gyro: Floats, step: Floats) -> Floats:
 
     gyro (n, 3): readings of the rest, rad/s. step (3,): their rounding step, rad/s.
     Method: the scatter of eight piece means about a straight line. A bias that drifts linearly while warming up does
-        not count as wander. White noise is mistaken for wander once in 1e4 rests.
+    not count as wander. White noise is mistaken for wander once in 1e4 rests.
     """
     pieces = gyro[: len(gyro) // 8 * 8].reshape(8, -1, 3)
     n = pieces.shape[1]

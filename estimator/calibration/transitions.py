@@ -1,8 +1,8 @@
 """Calibration of the full 3x3 gyro matrix from gravity before and after every movement, where the poses allow it.
 
 Full turns alone determine only the diagonal: the second half of a turn cancels a misalignment's effect in the first.
-    Movements between different poses determine the misalignment. The accuracy depends on the poses and is part of the
-    covariance.
+Movements between different poses determine the misalignment. The accuracy depends on the poses and is part of the
+covariance.
 Where one off-diagonal element stays too uncertain, all of them are set to zero. The standard deviation of the diagonal
 then includes the unknown elements.
 """
@@ -146,7 +146,7 @@ def judge_fit(capture: Capture, data: Transitions, found: Fit) -> Result:
     data: the rests and movements that were fitted.
     The result reports the capture's turns, but does not judge them.
     Verdict REPEAT: a scale factor is uncertain by 2 % or more. REFUSED: wrong axes, implausible scale factors, or a
-        misfit above 4.
+    misfit above 4.
     """
     matrix, bias, parameters = found.matrix, found.theta[:3], MATRIX_PARAMETERS if found.full else PARAMETERS
     covariance = found.covariance[: len(parameters), : len(parameters)]

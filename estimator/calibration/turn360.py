@@ -1,7 +1,7 @@
 """Calibration by Algorithm 1 of Wang et al. 2024: three 360-degree turns by hand, and an iterative attitude estimate.
 
 Source: L. Wang, R. Duffield, D. Fox, A. Hammond, A. J. Zhang, W. X. Zheng, S. W. Su, "In-field gyroscope
-    autocalibration with iterative attitude estimation", Mechatronics 102 (2024) 103232 (arXiv 2103.11097), Algorithm 1.
+autocalibration with iterative attitude estimation", Mechatronics 102 (2024) 103232 (arXiv 2103.11097), Algorithm 1.
 
 The paper's letters and equation numbers:
 
@@ -18,7 +18,7 @@ The paper's letters and equation numbers:
     (11)    | A_i k | = 360 degrees / T_i                     for the three turns i
 
 Algorithm 1: start at K = I. Integrate (5) with K. Solve (11) for k with these attitudes. Repeat until |k new - k| <=
-    1e-5.
+1e-5.
 
 The criterion (11) holds for a turn about a fixed axis. When the hand wobbles by 3 degrees, the scale factors have an
 error of about 1e-3. This file keeps the paper's method unchanged.

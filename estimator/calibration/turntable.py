@@ -10,8 +10,8 @@ Source: IEEE Std 952, the rate test of a triad; the six-rate comparison method i
     C     covariance of the equations, (rad/s)²
 
 C has four parts: noise of the readings, bias wander, errors of the table's rate, and the angle of the device's fixing.
-    The angle is the same for all plateaus of one fixing. Through the bias wander, least squares interpolates the bias
-    between rests.
+The angle is the same for all plateaus of one fixing. Through the bias wander, least squares interpolates the bias
+between rests.
 The matrix refers to the axes of the fixture. If the device is not square in its fixture, the matrix includes that
 misalignment.
 """

@@ -3,7 +3,7 @@
 The residuals r have the covariance C = C0 + sum of s_i² C_i. C0 is measured noise. C_i is the covariance assumed for
 error kind i, and s_i (no unit) its scale.
 Method: restricted likelihood by Fisher scoring, D. A. Harville, J. Am. Stat. Assoc. 72 (1977) 320. The unknowns are log
-    s_i, with a weak prior that matters only where the residuals carry little information.
+s_i, with a weak prior that matters only where the residuals carry little information.
 The result is the posterior mean of s_i². It exceeds the most likely value where few residuals determine it, as in
 Student's distribution.
 """

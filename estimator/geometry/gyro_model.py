@@ -123,7 +123,7 @@ def repeatability(scales: Sequence[Floats], knobs: PriorKnobs) -> float:
 
     scales (n, 3): calibrated scale factors of consecutive boots. With n of 0 or 1 the result is `knobs.scale_std`.
     Method: scale of the scaled inverse χ² posterior of the variance, the same for all axes. The prior counts as one
-        observation (A. Gelman et al., "Bayesian Data Analysis", 3rd ed. (2013), 2.6).
+    observation (A. Gelman et al., "Bayesian Data Analysis", 3rd ed. (2013), 2.6).
     """
     moved = np.diff(np.log(np.reshape(scales, (-1, 3))), axis=0)
     return sqrt((knobs.scale_std**2 + float(np.square(moved).sum())) / (1 + moved.size))

@@ -55,7 +55,7 @@ def coned(steps: Floats) -> Floats:
     Each step is the integral of the rate over its interval. The rate is assumed linear over a step and the step before:
     corrected step = step + 1/12 (step before) x step.
     Source: P. G. Savage, "Strapdown inertial navigation integration algorithm design part 1: attitude algorithms", J.
-        Guidance Control Dynamics 21 (1998), the coning algorithm of second order.
+    Guidance Control Dynamics 21 (1998), the coning algorithm of second order.
     """
     result = steps.copy()
     result[..., 1:, :] += np.cross(steps[..., :-1, :], steps[..., 1:, :]) / 12

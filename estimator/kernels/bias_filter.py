@@ -1,7 +1,7 @@
 """Kernels of tracking/bias_filter.py: innovation and NIS of a measurement, matrix inverse, and the step of the bias states.
 
 Letters: x (n,) the state with covariance P (n, n); z (m,) a measurement with covariance R (m, m); H (m, n) the
-    derivatives of z by x. Units are those of tracking/bias_filter.py.
+derivatives of z by x. Units are those of tracking/bias_filter.py.
 """
 
 import numpy as np

@@ -47,7 +47,7 @@ def steered(F: Floats, P: Floats, span: Floats, at: tuple[int, int, int], tilts:
 def carried_over(x: Floats, span: Floats, after: Floats, kept: float, strength: float) -> Floats:
     """State x (24,) after a span: gravity (m/s²) and velocity (m/s) in sensor axes at the end of the span.
 
-    after (3,): velocity after the span in axes of its begin, m/s.
+    after (3,): velocity after the span in axes of its start, m/s.
     kept: fraction of the accelerometer bias that remains.
     strength: magnitude of gravity, m/s².
     """

@@ -35,11 +35,11 @@ def cut(
     first: number of the sample to which index 0 in `found` refers. begin: index of the first window's first sample.
     knobs (3,): length, least length, and settling time of a second, s.
     Each result row: index of the window that completes the second, its first sample and the one after its last, 1 if
-        still, 1 with an accelerometer.
+    still, 1 with an accelerometer.
 
     waiting (WAITING, 6), changed in place, has one row per waiting window:
 
-        0, 1   begin and end time
+        0, 1   start and end time
         2      1 if the window is still, provided that the stillness lasts
         3, 4   numbers of its first sample and of the one after its last
         5      1 with an accelerometer
@@ -49,7 +49,7 @@ def cut(
         0      end time of the last moving window
         1      number of waiting windows
         2      1 if a second is in progress; the next five values describe it
-        3, 4   begin time, and number of its first sample
+        3, 4   start time, and number of its first sample
         5, 6   1 if its latest window is still; 1 if all its windows are still
         7      1 if all its windows have an accelerometer
         8      number of spikes in all windows so far

@@ -158,7 +158,7 @@ def rests(mean: Floats, begun: float, ended: float, state: Floats, knobs: tuple[
 def middle(values: Floats, lower: int) -> float:
     """Median of values (n,), n up to RECENT, in their unit.
 
-    Of an even number: the mean of the middle two, or with lower = 0 the upper of the two.
+    lower: for an even n, 1 gives the mean of the middle two values, and 0 the upper of the two.
     """
     known, ordered = len(values), np.empty(RECENT)
     for i in range(known):
@@ -203,15 +203,14 @@ def judged(rows: Floats, state: Floats, recent: Floats, knobs: tuple[float, ...]
 
         0   time (s) and reading of the last sample
         1   number of windows in this rest, and its mean after four of them
-        2   begin (s) and mean of a stretch that is quiet at another rate
+        2   start (s) and mean of a stretch that is quiet at another rate
         3   sample rate (Hz) at which the noise was measured, and the noise
         4   unused, and the mean of the last rest
 
     recent (RECENT, 7), changed in place: mean (3), sample rate (Hz) and std (3) of the latest windows of this rest.
     knobs (12,): limits of stillness/detector.py in its order.
-    Columns of the result: begin and end time (s); index after the last sample; number of spikes; flags still, has an
-        accelerometer, noise was updated; mean (6) and std (6) of gyro (rad/s) and accelerometer (m/s²); noise (3),
-        rad/s.
+    Columns of the result: start and end time (s); index after the last sample; number of spikes; flags still, has an
+    accelerometer, noise was updated; mean (6) and std (6) of gyro (rad/s) and accelerometer (m/s²); noise (3), rad/s.
     """
     window_s, least, _, _, _, _, _, _, gap_s, far, unusual, alone = knobs
     last, rest, odd, noise = state[0], state[1], state[2], state[3]

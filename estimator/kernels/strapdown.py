@@ -49,9 +49,9 @@ def turned(dt: Floats, rate: Floats, force: Floats, carried: Floats, end: Floats
     """Integrate the attitude over n samples; return the span's length (s), and the angle turned in total (rad).
 
     dt (n,): s. rate (n, 3): rad/s.
-    force (n, 3): m/s², changed in place from sensor axes to axes of the span's begin.
+    force (n, 3): m/s², changed in place from sensor axes to axes of the span's start.
     carried (9, n), written: mean attitude in each sample times its dt, s.
-    end (3, 3), written: the last attitude, sensor axes to axes of the begin.
+    end (3, 3), written: the last attitude, sensor axes to axes of the start.
     """
     seconds = way = 0.0
     # Scalars stay in registers: the attitude as a quaternion, and as matrix rows x, y and z before and after a sample.
@@ -93,7 +93,7 @@ def turned(dt: Floats, rate: Floats, force: Floats, carried: Floats, end: Floats
 def moved_ahead(dt: Floats, force: Floats, carried: Floats, push: Floats) -> Floats:
     """Velocity changes (9, n) that a rate error in each sample causes, m/s per rad/s.
 
-    dt (n,): s. force (n, 3): m/s², in axes of the span's begin. carried (9, n): result of `turned`.
+    dt (n,): s. force (n, 3): m/s², in axes of the span's start. carried (9, n): result of `turned`.
     push (3,), written: the sum of force times dt, m/s.
     """
     # A rotation phi moves the force f by phi x f. A sample's rotation error moves all pushes from that sample on.
@@ -142,7 +142,7 @@ def slopes(carried: Floats, moved: Floats, rate: Floats, by_bias: Floats, by_mat
 def strayed(dt: Floats, force: Floats, push: Floats, seconds: float, shift: Floats) -> float:
     """Unrest of a span, m/s: rms deviation of the velocity from that of a constant acceleration.
 
-    dt (n,): s. force (n, 3) m/s², push (3,) m/s: in axes of the span's begin. seconds: length of the span.
+    dt (n,): s. force (n, 3) m/s², push (3,) m/s: in axes of the span's start. seconds: length of the span.
     shift (3,), written: integral of the growing push over time, m.
     """
     n, square = len(dt), 0.0

@@ -1,18 +1,18 @@
 """Attitude of a device, sample by sample: gyro strapdown, levelled by gravity, with a covariance of its error.
 
-Earth axes: z up, x and y horizontal. The heading counts from its zero: the begin of the attitude, or the last reset.
-    Without an accelerometer the attitude is relative to that of the first sample.
+Earth axes: z up, x and y horizontal. The heading counts from its zero: the start of the attitude, or the last reset.
+Without an accelerometer the attitude is relative to that of the first sample.
 
 Levelling: the specific force is averaged in earth axes, which turn with the gyro's errors only (D. Laidig and T. Seel,
-    "VQF: Highly accurate IMU orientation estimation with bias estimation and magnetic disturbance rejection",
-    Information Fusion 91 (2023), eqs. 4 to 10). VQF uses a fixed low-pass filter. Here a Kalman filter of tilt and
-    velocity measures the wearer's velocity as zero instead. The variance of this measurement grows with the motion, as
-    in tracking/gravity.py. The filter gain is computed for a typical gyro.
+"VQF: Highly accurate IMU orientation estimation with bias estimation and magnetic disturbance rejection", Information
+Fusion 91 (2023), eqs. 4 to 10). VQF uses a fixed low-pass filter. Here a Kalman filter of tilt and velocity measures
+the wearer's velocity as zero instead. The variance of this measurement grows with the motion, as in
+tracking/gravity.py. The filter gain is computed for a typical gyro.
 
 Covariance: the effect of this gain on the errors of the actual gyro. Bias, matrix and accelerometer bias are constant
-    unknowns. The filter propagates the sensitivity of the attitude to each of them ("consider" states, S. F. Schmidt,
-    "Application of state-space methods to navigation problems", Advances in Control Systems 3 (1966)). The noise uses
-    Joseph's form.
+unknowns. The filter propagates the sensitivity of the attitude to each of them ("consider" states, S. F. Schmidt,
+"Application of state-space methods to navigation problems", Advances in Control Systems 3 (1966)). The noise uses
+Joseph's form.
 """
 
 from collections.abc import Sequence

@@ -15,7 +15,7 @@ def smooth(real_time: Oriented, trace: Floats, accel_std: Floats) -> Oriented:
     The variance of the tilt shrinks in the same ratio as its noise. The part from the accelerometer bias does not
     shrink.
     Source: H. E. Rauch, F. Tung, C. T. Striebel, "Maximum likelihood estimates of linear dynamic systems", AIAA Journal
-        3 (1965).
+    3 (1965).
     """
     quaternions, share = real_time.quat_wxyz.copy(order="C"), np.empty(len(trace))
     loop.smoothed(trace, quaternions, share)

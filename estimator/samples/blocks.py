@@ -78,9 +78,9 @@ class Blocks:
     def put(self, samples: Samples, skip: int = 0) -> Iterable[tuple[int, float, float]]:
         """Add samples, without the first `skip`, and report each block boundary.
 
-        Yields three values for the first sample of each new block: its index in `samples`, its device time (s), and the
-            device time of the sample before (s). At each boundary the caller must call `end_block`, and may change
-            `length_s`.
+        Yields three values for the first sample of each new block. They are its index in `samples`, its device time
+        (s), and the device time of the sample before (s). At each boundary the caller must call `end_block`, and may
+        change `length_s`.
         """
         rows, places = (samples.rows[skip:], samples.places[skip:]) if skip else (samples.rows, samples.places)
         if self._later_s:

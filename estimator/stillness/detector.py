@@ -127,7 +127,7 @@ class Windows:
 
     @property
     def heads(self) -> list[tuple[float, float, int, bool]]:
-        """Tuples for each window: begin and end in device time (s), number of its last sample, and True if it is still."""
+        """Tuples for each window: start and end in device time (s), number of its last sample, and True if it is still."""
         first = self.first - 1
         return [
             (begun, ended, first + int(end), still > 0) for begun, ended, end, _, still in self.found[:, :5].tolist()

@@ -146,7 +146,7 @@ def record(
 ) -> Recorded:
     """Simulate a recording of one boot of the device, moved by the pieces of motion.
 
-    rng: random numbers of noise, bias wander and start direction.
+    rng: source of all random numbers.
     zero_g: ± limit of the accelerometer's offset, m/s²; None for the device's own limit.
     """
     ends_s = np.cumsum([piece.duration_s for piece in pieces])

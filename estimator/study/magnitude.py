@@ -20,7 +20,7 @@ _DRAWN = 4
 class Row(Struct, frozen=True):
     """Spread over the sessions of the mean magnitude of the rate, °/s, in one turn of a sensor.
 
-    rates: key of verification.WORDS: readings, or the method that corrects them.
+    rates: `raw` for readings, or the correction: `turn360`, `closure`, or `paper` for the paper's K and b.
     """
 
     sensor: str
@@ -32,7 +32,8 @@ class Row(Struct, frozen=True):
 class Trace(Struct, frozen=True):
     """Magnitudes of the rate over time in a sensor's first session, without ramps.
 
-    time_s: times, s. dps: magnitudes, °/s, by key of verification.WORDS. begins_s: begin of each turn, s.
+    time_s: times, s. begins_s: start of each turn, s.
+    dps: magnitudes, °/s, by kind of rates: `raw`, `turn360`, `closure`, `paper`.
     """
 
     sensor: str
@@ -55,7 +56,7 @@ class Magnitude(Struct, frozen=True):
     def error(self, sensor: str, rates: str) -> float:
         """Rms error of the magnitude over sessions and turns of a sensor, °/s.
 
-        rates: key of verification.WORDS.
+        rates: `raw` for readings, or the correction: `turn360`, `closure` or `paper`.
         """
         off = [r.mean.rms**2 - 2 * r.mean.mean * self.rate_dps + self.rate_dps**2 for r in self.rows
                if (r.sensor, r.rates) == (sensor, rates)]  # fmt: skip
@@ -63,10 +64,10 @@ class Magnitude(Struct, frozen=True):
 
 
 def work(of: Inputs, job: Job) -> Arrays:
-    """Run one job: mean magnitudes (1 array `mean`, 6 turns by 4 kinds of rates), °/s.
+    """Run one job: array `mean` (6 turns, 4 kinds of rates) of mean magnitudes, °/s.
 
-    The first run of a sensor also returns arrays over time: time (n,) s, dps (4, n) °/s, and begins (6,) of the turns,
-        s.
+    The first run of a sensor also returns arrays over time: time (n,) s, dps (4, n) °/s, and the starts of the turns,
+    begins (6,) s.
     """
     found = verify(of, job)
     size = {name: np.degrees(np.linalg.norm(rate, axis=1)) for name, rate in found.rates.items()}

@@ -26,7 +26,7 @@ _DRAWN = 8
 class Row(Struct, frozen=True):
     """Spread over the sessions of the largest and the final error of the angle, degrees.
 
-    One row per sensor, axis and kind of rates (key of verification.WORDS).
+    rates: `raw` for readings, or the correction: `turn360`, `closure`, or `paper` for the paper's K and b.
     """
 
     sensor: str
@@ -39,7 +39,7 @@ class Row(Struct, frozen=True):
 class Trace(Struct, frozen=True):
     """Angles of the first session about one axis: times, s, and angles, degrees.
 
-    deg: angles by key of verification.WORDS, and IDEAL for the true angle.
+    deg: angles by kind of rates (`raw`, `turn360`, `closure`, `paper`), and `ideal` for the true angle.
     """
 
     sensor: str
@@ -62,7 +62,7 @@ class Orientation(Struct, frozen=True):
     def largest(self, sensor: str, rates: str) -> Spread:
         """Spread of the largest error of the angle, degrees, on the axis with the largest median.
 
-        rates: key of verification.WORDS.
+        rates: `raw` for readings, or the correction: `turn360`, `closure` or `paper`.
         """
         rows = [row for row in self.rows if (row.sensor, row.rates) == (sensor, rates)]
         return max((row.largest for row in rows), key=lambda of: of.median)
@@ -78,7 +78,8 @@ def angle_deg(rate: NDArray[np.float64], dt: NDArray[np.float64], axis: int) -> 
 def work(of: Inputs, job: Job) -> Arrays:
     """Run one job: array `errors` (3 axes, 4 kinds of rates, 2), the largest and the final error of the angle, degrees.
 
-    The first run of a sensor also returns time_x (n,), s, and deg_x (5, n), degrees, and the same for y and z.
+    The first run of a sensor also returns time_x (n,), s, and the angles deg_x (5, n), degrees, and the same for y and
+    z.
     """
     found = verify(of, job)
     dt = np.full(len(found.time_s), float(np.median(np.diff(found.time_s))))

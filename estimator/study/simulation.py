@@ -29,7 +29,7 @@ _TO_PAPER = [3, 4, 5, 0, 1, 2]
 def run(gyro: PaperGyro, plan: PaperPlan, sessions: int, rng: np.random.Generator) -> Arrays:
     """Simulate and calibrate n sessions of one gyro by Algorithm 1 and closure.
 
-    Returns three arrays; parameters are in the order of PARAMETERS, k without unit and b in °/s:
+    Returns three arrays; parameters are in the order k_x, k_y, k_z (no unit), b_x, b_y, b_z (°/s):
 
         error   (2 methods, n, 6)   estimate minus truth
         nees    (n,)                of closure, 6 degrees of freedom

@@ -102,7 +102,7 @@ def mean_errors(
     """Mean errors of the test set, °/s: of n readings (n, 3), and of corrected rates (2 methods, n, 3).
 
     noise: standard deviation of one sample, °/s. number: of the parameter set.
-    error (2, n, 6): parameter errors by method, in the order of PARAMETERS (k without unit, b in °/s).
+    error (2, n, 6): parameter errors by method, in the order k_x, k_y, k_z (no unit), b_x, b_y, b_z (°/s).
     """
     gyro = simulation.gyro_of(scenario.seed, number)
     rate = scenario.test_rate_dps / np.sqrt(3)

@@ -65,7 +65,7 @@ def work(of: Inputs, job: Job) -> Arrays:
 
     Returns five arrays:
 
-        found      (n, 6)   estimates in the order of PARAMETERS: k without unit, b in °/s with the paper's sign
+        found      (n, 6)   estimates k_x, k_y, k_z (no unit), and b_x, b_y, b_z (°/s, the paper's sign)
         std        (n, 6)   their standard deviations, in the same units
         accepted   (n,)     True for verdict ACCEPTED
         lasts      (n,)     duration of the session, s

@@ -34,7 +34,7 @@ class TypicalScenario(Scenario, frozen=True, kw_only=True):
 
 
 class Stage(Struct, frozen=True):
-    """Turn about one axis, simulated or found: begin and end, s from the begin of the session."""
+    """Turn about one axis, simulated or found: start and end, s from the start of the session."""
 
     axis: str
     begin_s: float
@@ -82,7 +82,7 @@ def _simulated(of: TypicalScenario, gyro: PaperGyro) -> tuple[NDArray[np.float64
 
 
 def results(of: TypicalScenario, _: Parts) -> Typical:
-    """Simulate a session, find the turns in its readings alone (begin and end in s), and calibrate by Algorithm 1."""
+    """Simulate a session, find the turns in its readings alone (start and end in s), and calibrate by Algorithm 1."""
     truth = gyro_of(of.seed, of.set_number)
     gyro, turns = _simulated(of, truth)
     time_s = np.arange(1, len(gyro) + 1) / of.rate_hz

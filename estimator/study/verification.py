@@ -46,9 +46,9 @@ def jobs(of: Inputs) -> Sequence[Job]:
 class Verification:
     """Machine part of a session: true rates and corrected rates over time.
 
-    time_s (n,): time from its begin, s. truth (n, 3): true rate, rad/s.
-    rates: by key of WORDS, readings or corrected rates (n, 3), rad/s.
-    spins: begin and end of each turn with its ramps, s.
+    time_s (n,): time from its start, s. truth (n, 3): true rate, rad/s.
+    rates: arrays (n, 3), rad/s, by name: `raw` for readings, `turn360`, `closure` and `paper` for corrected rates.
+    spins: start and end of each turn with its ramps, s.
     """
 
     time_s: Floats
@@ -86,7 +86,7 @@ def verify(of: Inputs, job: Job) -> Verification:
 
 
 def _spins(pieces: Sequence[Piece], recorded: Recorded, first: int) -> list[tuple[float, float]]:
-    """Begin and end of the machine's turns, s: its moving pieces longer than 2 s."""
+    """Start and end of the machine's turns, s: its moving pieces longer than 2 s."""
     begins = np.concatenate([[0.0], recorded.ends_s[:-1]]) - recorded.ends_s[first - 1]
     ends = recorded.ends_s - recorded.ends_s[first - 1]
     return [

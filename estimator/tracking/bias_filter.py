@@ -300,7 +300,7 @@ class BiasFilter:
 
         time: device time of the measurement, s. celsius: temperature at that time, °C; NaN when unknown.
         The random walk since then is part of the error of the present state and, reversed, of the measurement. The
-        filter uses this correlation, M (n, m). It neglects the information on the walk in the updates since then.
+        filter uses their covariance M (n, m). It neglects the information on the walk in the updates since then.
         """
         m, n, walk = len(evidence.z), len(self._x), self.walked(self.time - time)
         H, M, then = np.zeros((m, n)), np.zeros((n, m)), self._P.copy()

@@ -37,7 +37,7 @@ class BiasKnobs:
     def warmed(self, since_power_up: float, dt: float) -> float:
         """Variance per axis, (rad/s)², that warming up adds to the bias in dt seconds, where no temperature is known.
 
-        since_power_up: seconds from power-up to the begin of this interval.
+        since_power_up: seconds from power-up to the start of this interval.
         """
         fading = exp(-max(0.0, since_power_up) / self.warm_up_s)
         return self.warm_up_walk**2 * fading * -expm1(-dt / self.warm_up_s) * self.warm_up_s

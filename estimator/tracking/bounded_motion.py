@@ -107,7 +107,7 @@ class BoundedMotion(StateStruct):
         return receipts
 
     def _ends_var(self, way: Floats) -> Floats:
-        """(m,) variance of the distance between begin and end of a way (n, m): twice its swing, more if it swings rarely."""
+        """(m,) variance of the distance between start and end of a way (n, m): twice its swing, more if it swings rarely."""
         swing = way - way.mean(axis=0)
         crossed = np.count_nonzero(np.diff(swing > 0, axis=0), axis=0)
         doubt = 1 + (_RETURNS / np.maximum(crossed, 1)) ** 2

@@ -19,7 +19,7 @@ m/s, not the acceleration. The mean velocity is used because motion to and fro w
 velocity does not cancel, and stays the same for many seconds, which then count as one (steady_motion.py).
 The gyro's scale and misalignment are states, since 0.4 % of 100 °/s is more than any bias.
 Source: bounded-velocity aiding as in inertial navigation, P. D. Groves, "Principles of GNSS, Inertial, and Multisensor
-    Integrated Navigation Systems", 2nd ed. (2013), ch. 15.
+Integrated Navigation Systems", 2nd ed. (2013), ch. 15.
 """
 
 from dataclasses import dataclass, replace
@@ -79,8 +79,8 @@ class GravityKnobs:
 class GravityState(StateStruct):
     """State of the gravity evidence, beside the states in the filter.
 
-    known: True if g and v in the filter's state are current.
-    lasting: detector of a wearer whose velocity lasts (walking).
+    known: True if gravity and velocity in the filter's state are current.
+    lasting: detector of steady motion, as in walking.
     """
 
     known: bool = False

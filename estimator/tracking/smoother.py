@@ -1,7 +1,7 @@
 """Rauch-Tung-Striebel smoother, by filterpy: later evidence improves earlier biases.
 
 Stored for each second: the filter's first six states (bias and slope) after all evidence, and the prediction step from
-    the second before.
+the second before.
 """
 
 from bisect import bisect_right

@@ -10,8 +10,8 @@ R is the variance of the measurement, (m/s)² per axis; c has no unit. In a walk
 the velocity by a tilt, and 0.6 once it does not. For a wearer who moves about in one place c stays below 0.1, however
 fast. R grows in proportion to c - 0.1.
 Source: innovation correlation as a measure of R, R. K. Mehra, "On the identification of variances and adaptive Kalman
-    filtering", IEEE Trans. Automatic Control 15 (1970). The coefficients come from tests/bench/honesty.py and
-    tests/bench/tracking.py.
+filtering", IEEE Trans. Automatic Control 15 (1970). The coefficients come from tests/bench/honesty.py and
+tests/bench/tracking.py.
 """
 
 from estimator.state import Floats, StateStruct
@@ -43,7 +43,7 @@ class SteadyMotion(StateStruct):
         """Add the velocity innovation (3,), m/s, of a span, in sensor axes at the span's end.
 
         var: variance of the measurement before `factor`, (m/s)² per axis.
-        end (3, 3): rotation from sensor axes at the span's end to those at its begin.
+        end (3, 3): rotation from sensor axes at the span's end to those at its start.
         seconds: length of the span, s.
         """
         a, b, c = innovation.tolist()

@@ -34,10 +34,10 @@ class TrackerState(StateStruct):
     law_refuted: True if this boot's bias contradicts the temperature law.
     evidenced: True if a rest of this boot is known.
     evidence_time: device time of the last accepted rest, s.
-    gap: begin and end of the latest gap in the evidence that is not yet smoothed, device time in s, or None.
+    gap: start and end of the latest gap in the evidence that is not yet smoothed, device time in s, or None.
     kept: restored bias state, until the stream reaches its time; else None.
-    supposed (2, 3): prior mean and standard deviation of the bias, rad/s, or None after a calibration or other evidence
-        of the bias.
+    supposed (2, 3): prior mean and standard deviation, rad/s, of a bias that is still based on the gyro model alone;
+        else None.
     """
 
     filter: FilterState
@@ -253,7 +253,7 @@ class TrackedBias:
         return None if found is None else replace(found, std=found.std * self.doubt.consistency.inflation)
 
     def improved(self) -> tuple[float, Smoothed] | None:
-        """Length of the last gap in the evidence, s, and the smoothed bias since its begin.
+        """Length of the last gap in the evidence, s, and the smoothed bias since its start.
 
         The result comes once after each gap; otherwise None.
         """

@@ -1,11 +1,11 @@
 """Estimate of the rate random walk of this boot's bias, from its own rests.
 
 A bank of scalar Kalman filters runs beside the bias filter: one for each axis and each hypothesis. A hypothesis is the
-    model's rate random walk times a factor. The mean readings of rests give each hypothesis its likelihood. The factor
-    in use is the mean of all factors on a logarithmic scale, weighted by probability.
+model's rate random walk times a factor. The mean readings of rests give each hypothesis its likelihood. The factor in
+use is the mean of all factors on a logarithmic scale, weighted by probability.
 All hypotheses expect the same warm-up drift, because rests of minutes do not show that warming up has ended.
 Source: multiple-model estimation, D. T. Magill, "Optimal adaptive estimation of sampled stochastic processes", IEEE
-    Trans. Automatic Control 10 (1965).
+Trans. Automatic Control 10 (1965).
 """
 
 from math import isnan, radians

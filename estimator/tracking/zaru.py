@@ -50,7 +50,7 @@ class Zaru(StateStruct):
     surprised: kinds of evidence already checked after the latest gap.
     in_question: variance, (rad/s)², of a bias accepted only because it persisted.
     waiting: measurements that will be judged together with the following ones.
-    contradiction: begin (s), z (rad/s) and R ((rad/s)²) of a persistent contradiction, or None.
+    contradiction: start (s), z (rad/s) and R ((rad/s)²) of a persistent contradiction, or None.
     receipts_before, receipts_late: receipts not yet fetched, see `surprises` and `judged`.
     Raises ValueError for a damaged state.
     """
@@ -103,7 +103,10 @@ class Zaru(StateStruct):
         self._over(bias)
 
     def interrupted(self, bias: BiasFilter, seconds: float) -> None:
-        """Note `seconds` in which the device was quiet but not at rest; judge the waiting measurements now."""
+        """Note `seconds` in which the device was quiet but not at rest; judge the waiting measurements now.
+
+        A persistent contradiction is dropped, unless samples were missing and no rest has been seen since.
+        """
         if self.blind:  # stillness is recognised only some time after a hole
             self._lengthen(seconds)
         else:
@@ -190,7 +193,7 @@ class Zaru(StateStruct):
         return receipts if proven else [r._replace(reason=r.reason or UNPROVEN) for r in receipts], said
 
     def _begins(self, *, proven: bool) -> bool:
-        """Return whether to use gravity's evidence first: at a rest's begin gravity may tell more than within the rest."""
+        """Return whether to use gravity's evidence first: at a rest's start gravity may tell more than within the rest."""
         return self.rests == 1 or (proven and "zaru level" not in self.surprised)
 
     def _unproven_var(self, second: Second, *, checked: bool) -> Floats | float:

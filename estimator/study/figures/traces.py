@@ -18,7 +18,7 @@ _AFTER = {"turn360": (COLOURS[0], "by Algorithm 1"), "closure": (COLOURS[1], "by
 def typical(found: Typical) -> Figure:
     """Draw the readings of one session over time, °/s.
 
-    Shading marks the turns found; dashed lines mark the simulated begins and ends of turns.
+    Shading marks the turns found; dashed lines mark the simulated starts and ends of turns.
     """
     figure = Figure(figsize=(10, 4.6))
     axes = figure.subplots()
