@@ -1,7 +1,7 @@
 """Size of a gyro's axis misalignment, estimated from the turns of a session.
 
-The gyro matrix is K (I + E): K holds the scale factors, E the misalignment, relative (rad). An element E_ij makes a
-    turn about axis j read as tilted towards axis i by E_ij.
+The gyro matrix is K (I + E), with scale factors K and misalignment E, relative (rad). An element E_ij makes a turn
+about axis j read as tilted towards axis i by E_ij.
 A turn that the hand tilts reads the same, so turns alone cannot separate the two. A scale factor fitted without E is
 wrong by E times the tilt that is read.
 The estimate attributes tilts up to 0.03 rad, typical for hands, to the hand. It attributes the excess to E.

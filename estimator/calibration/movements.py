@@ -97,8 +97,8 @@ def biases(rests: Sequence[Rest], links: Sequence[tuple[int, int]], floor: float
 
     links (m pairs): numbers of the rests before and after each movement.
     floor: standard deviation of a rest's mean reading beyond its noise, rad/s.
-    Where the rests agree within their noise, all rests have equal weight apart from noise. The more they scatter beyond
-    it, the more weight is on the two rests beside a movement.
+    Where the rests agree within their noise, the bias of every movement is their weighted mean. The more they scatter
+    beyond it, the more weight is on the two rests beside a movement.
     """
     reading = np.array([rest.bias for rest in rests])
     noise = np.array([np.diag(rest.bias_cov) for rest in rests]) + floor**2

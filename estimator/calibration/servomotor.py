@@ -1,9 +1,12 @@
 """Calibration with one servo that turns at a known rate about a fixed axis, in several mountings of the device.
 
 Source: Y. Li, L. Wang, Z. Wang, X. Li, S. W. Su, arXiv 2405.03393 and 2410.19571; method "[servomotor]" in Wang et al.
-2024, with one change. In the source the servo's axis is vertical, and measured gravity gives its direction u: u . K (m
-- b) = w. An accelerometer offset of 90 mg turns u by 5° and more, which makes k 1 to 3 % too large. This module takes
-the axis from the gyro itself: |K (m - b)| = w. No accelerometer is needed. Letters:
+2024, with one change:
+
+    source        u . K (m - b) = w      the servo's axis is vertical, and measured gravity gives its direction u
+    this module   |K (m - b)| = w        the gyro itself gives the axis; no accelerometer is needed
+
+In the source, an accelerometer offset of 90 mg turns u by 5° and more, which makes k 1 to 3 % too large. Letters:
 
     m_i   mean reading (3,) rad/s while the servo turns at the known rate w, rad/s
     g_i   K (m_i - b), rad/s, with K = diag(k), k (3,) scale factors;   u_i = g_i / |g_i|

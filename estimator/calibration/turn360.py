@@ -7,8 +7,7 @@ The paper's letters and equation numbers:
 
     m       reading of the gyro (3,), rad/s                   T       duration of a turn, s
     K       diag(k), scale factors k (3,), no unit            C_t     attitude at sample t, from the turn's start
-    b       -mean(m at rest), rad/s; elsewhere here the bias is -b
-    dt      sample interval, s
+    b       -mean(m at rest), rad/s: minus the bias           dt      sample interval, s
 
     (1)     g = K (m + b)                                     the calibrated rate, rad/s
     (2)     b = -mean(m) at rest, so that g = 0
@@ -17,8 +16,9 @@ The paper's letters and equation numbers:
     (6-10)  G = mean over t of C_t g_t = A k                  A = mean over t of C_t diag(m_t + b)
     (11)    | A_i k | = 360 degrees / T_i                     for the three turns i
 
-Algorithm 1: start at K = I. Integrate (5) with K. Solve (11) for k with these attitudes. Repeat until |k new - k| <=
-1e-5.
+Algorithm 1 starts at K = I and repeats three steps:
+
+    integrate (5) with K;   solve (11) for k with these attitudes;   stop if |k new - k| <= 1e-5
 
 The criterion (11) holds for a turn about a fixed axis. When the hand wobbles by 3 degrees, the scale factors have an
 error of about 1e-3. This file keeps the paper's method unchanged.

@@ -2,8 +2,10 @@
 
 All results are in the sensor axes at the start of the span. C(t) (3, 3) rotates vectors from sensor axes at time t to
 those axes. a (3,) is the accelerometer reading less its bias, m/s².
-phi (3,) is the small rotation, rad, in those axes, by which an error of the gyro's parameters moves the end: C_true =
-exp(phi) C.
+An error of the gyro's parameters moves the end by phi (3,), a small rotation in those axes, rad:
+
+    C_true = exp(phi) C
+
 Source: C. Forster et al., "On-manifold preintegration", IEEE Trans. Robotics 33 (2017), here with rates of a scaled and
 misaligned gyro.
 """

@@ -263,6 +263,7 @@ def carried(
 def smoothed(trace: Floats, quaternions: Floats, tilt_share: Floats) -> None:
     """Correct quaternions (n, 4) in place by later samples: a Rauch-Tung-Striebel pass over a trace (n, TRACE).
 
+    trace: result of `carried`: covariances of tilt (rad²) and velocity ((m/s)²), corrections, and sample intervals (s).
     tilt_share (n,), written: variance of the smoothed tilt divided by that of the real-time tilt.
     """
     g, n = 9.80665, len(trace)

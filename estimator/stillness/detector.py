@@ -1,7 +1,7 @@
 """Stillness detector: cuts the sample stream into short windows and judges each as still or moving.
 
-A window is still if it scatters no more than the device's own noise, and if its mean is near that of the last rest. The
-comparison is not with zero, so a large turn-on bias does not count as movement.
+A window is still if its scatter is within a multiple of the device's own noise, and if its mean is near that of the
+last rest. The comparison is not with zero, so a large turn-on bias does not count as movement.
 A spike is a single reading far from both its neighbours. It is replaced by their mean, and does not count as movement.
 """
 
