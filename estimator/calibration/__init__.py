@@ -1,5 +1,6 @@
-"""Gyro calibration: from the rests and turns of a session to a matrix, a bias, their covariance, a verdict and its reason.
+"""Gyro calibration from the rests and turns of a session: matrix, bias, their covariance, and a verdict with its reason.
 
-Begin at `session` → `stages` → `turn_recognition` → `methods` → `result`. `closure` is the default method, `turn360`
-the paper's Algorithm 1, `transitions` the full matrix from gravity.
+Reading order: `session` → `stages` → `turn_recognition` → `methods` → `result`.
+`closure` is the default method. `turn360` is Algorithm 1 of Wang et al. 2024. `transitions` estimates the full 3x3
+matrix from gravity.
 """

@@ -1,17 +1,22 @@
-"""Classical calibration by gravity in many poses, in two steps: first the accelerometer, then the gyro against it.
+"""Two-step gyro calibration by gravity in many poses: the accelerometer first, then the gyro matrix against it.
 
 Source: D. Tedaldi, A. Pretto, E. Menegatti, "A robust and easy to implement method for IMU calibration without external
 equipments", ICRA 2014, after Fong, Ong, Nee 2008. Letters:
 
-    T, a0   upper triangular (6) and offset (3) of the accelerometer: |T (a - a0)| = G at every rest
-    b       bias of the gyro in each movement
-    M       matrix of the gyro (9): u_after, integrated through M (m - b), must be u_before
+    T, a0   accelerometer: upper triangular matrix (6 elements, no unit) and offset (3,), m/s²
+    G       9.80665 m/s²; |T (a - a0)| = G for the mean reading a, m/s², at every rest
+    u       unit direction of gravity at a rest, in sensor axes: T (a - a0) normalised
+    m, b    gyro reading and bias of each movement, (3,) rad/s
+    M       gyro matrix (3, 3), no unit: u_after, integrated through M (m - b), must be u_before
 
-Unlike `transitions`, the second step assumes that the first left no error, gives every movement the same weight, and
-does not use full turns. Two things differ from the source. Where the rests show that the bias moved, each movement has
-the bias of the rests around it. The covariance propagates errors of readings, paths and biases through both steps to M,
-with the error sizes that `transitions` estimates. The error of one pose affects two movements directly, and through T
-and a0 all movements.
+Both steps are least squares by Levenberg-Marquardt. The second step assumes an accelerometer without error, weighs all
+movements equally, and uses no full turns. The method `transitions` differs in all three points.
+
+Two additions to the source:
+
+- Where the rests show that the bias moved, each movement has the bias of the rests around it.
+- The covariance propagates errors of readings, paths and biases through both steps to M. `transitions` estimates the
+    sizes of these errors.
 """
 
 from collections.abc import Sequence
@@ -48,8 +53,10 @@ _UPPER = ([0, 0, 1], [1, 2, 2])
 def by_accel_aided(capture: Capture) -> Result:
     """Calibration method `accel_aided`: bias (3,) rad/s and full matrix (3, 3) from nine or more poses, with verdict.
 
-    capture: its movements, between rests with accelerometer readings, are used; its turns are only reported.
-    Too few distinct poses, or poses that do not determine the matrix, give verdict REPEAT without an estimate.
+    capture: uses the movements between rests with accelerometer readings; the result only reports the turns.
+    Verdict REPEAT without an estimate: fewer than nine distinct poses, or poses that do not determine the matrix.
+    Verdict REPEAT with an estimate: a standard deviation of a matrix element is above 0.02. Verdict REFUSED:
+    implausible scale factors.
     """
     movements = capture.movements
     data = collect(movements)

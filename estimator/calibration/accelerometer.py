@@ -1,9 +1,10 @@
 """Accelerometer calibration from rests in different poses: bias and scale per axis, so that every rest reads gravity.
 
-    |scale (reading - bias)| = G        in every pose, by weighted least squares (Gauss-Newton)
+    |scale * (reading - bias)| = G      in every pose, by weighted least squares (Gauss-Newton)
 
-Gravity counts as 9.80665 m/s²; where it differs, by up to 0.3 %, the scale makes up for it. Cross-axis sensitivity is
-not estimated: its size, as the residuals show it, is part of the covariance.
+reading and bias: (3,) m/s² in sensor axes. scale: (3,), no unit. G: 9.80665 m/s².
+Local gravity differs from G by up to 0.3 %; the scale absorbs this difference. Cross-axis sensitivity is not estimated.
+Its size is estimated from the residuals and enters the covariance.
 Source: I. Frosio, F. Pedersini, N. A. Borghese, "Autocalibration of MEMS accelerometers", IEEE Transactions on
 Instrumentation and Measurement 58 (2009), with bias and scale only.
 """
@@ -33,11 +34,13 @@ _MISFIT = 9.0
 
 
 def calibrated(poses: Floats) -> AccelerometerCalibration:
-    """Calibrate an accelerometer's bias (m/s²) and scale per axis from rests in n poses, with covariance and verdict.
+    """Calibrate an accelerometer from rests in n poses: bias (3,) m/s² and scale (3,), with covariance and verdict.
 
-    poses (n, 4): variance of the mean reading, m²/s⁴, then the mean reading (3,), m/s².
-    Verdict REPEAT: fewer than six poses, or an axis stays uncertain. REFUSED: values no accelerometer has, or a large
-    misfit. A result with either verdict has no estimate.
+    poses (n, 4): in each row the variance of the mean reading, m²/s⁴ per axis, then the mean reading (3,), m/s².
+    The covariance is (6, 6), flattened, in the order bias, scale.
+    Verdict REPEAT: fewer than six poses, or a standard deviation above 0.05 m/s² (bias) or 0.01 (scale).
+    Verdict REFUSED: a bias above 1.5 m/s², a scale more than 0.1 from 1, or residuals more than three times too large.
+    A result with verdict REPEAT or REFUSED has no estimate.
     """
     told, n = AccelKnobs().shear, len(poses)
     if n < FEWEST_POSES:
@@ -75,10 +78,10 @@ def calibrated(poses: Floats) -> AccelerometerCalibration:
 
 
 def in_use(known: AccelerometerCalibration) -> Floats:
-    """Pack an accepted accelerometer calibration for use, (9,): bias (3) m/s², scale (3), standard deviation (3) m/s².
+    """Pack an accepted accelerometer calibration into one array (9,): bias (3) m/s², scale (3), standard deviation (3) m/s².
 
-    The standard deviation is that of corrected gravity, on average over all poses: from bias, scale and cross-axis
-    sensitivity.
+    The standard deviation is that of corrected gravity per axis, averaged over all poses. It includes bias, scale and
+    cross-axis sensitivity.
     """
     var = np.diag(np.reshape(known.covariance, (6, 6)))
     error = var[:3] + G**2 / 3 * (var[3:] + 2 * known.cross_std**2)

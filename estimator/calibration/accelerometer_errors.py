@@ -1,7 +1,8 @@
-"""Error model of an accelerometer: gravity = shape (reading - bias), shape symmetric and close to the identity.
+"""Error model of an accelerometer: gravity = shape (reading - bias), all vectors (3,) in m/s².
 
-A symmetric shape prefers no axis: its frame is the orthogonal one nearest to the accelerometer's axes. The full 3x3
-gyro matrix refers to this frame.
+`shape` (3, 3) is symmetric and close to the identity. A symmetric shape prefers no axis: its frame is the orthogonal
+frame nearest to the accelerometer's axes. The full 3x3 gyro matrix refers to this frame.
+`PARAMETERS` names the nine errors: bias (3) m/s², scale error (3) relative, shear (3) rad.
 """
 
 from dataclasses import dataclass
@@ -27,7 +28,10 @@ for _p, (_i, _j) in enumerate(((1, 2), (0, 2), (0, 1))):
 
 @dataclass(frozen=True, slots=True)
 class AccelKnobs:
-    """Prior standard deviations of an accelerometer's errors, mean zero."""
+    """Prior standard deviations of an accelerometer's errors, all of mean zero.
+
+    bias: m/s². scale: relative. shear: rad, between two axes.
+    """
 
     #: m/s²; 60 mg is the worst of a datasheet's zero-g offsets
     bias: float = 0.5
@@ -42,10 +46,11 @@ class AccelKnobs:
 
 
 def measured(accel: Floats, errors: Floats) -> tuple[Floats, Floats, Floats]:
-    """Gravity (3,) m/s² that a mean reading accel (3,) m/s² measures under errors (9,), with its slopes.
+    """Correct a mean accelerometer reading to gravity (3,) m/s², with the derivatives of that gravity.
 
-    errors: in the order of PARAMETERS. Returns gravity, its slopes (3, 9) by the errors, and its slopes (3, 3) by the
-    reading.
+    accel (3,): mean reading, m/s², in sensor axes.
+    errors (9,): in the order and units of PARAMETERS.
+    Returns gravity (3,), its derivatives (3, 9) by the errors, and its derivatives (3, 3) by the reading.
     """
     shape = np.eye(3) + np.tensordot(errors, _SHAPES, axes=1)
     from_bias = accel - errors[:3]

@@ -1,9 +1,9 @@
-"""Checks that the gyro's axes match the accelerometer's: gravity propagated by the gyro against measured gravity.
+"""Check that the gyro's axes match the accelerometer's: gravity propagated by the gyro against measured gravity.
 
-A gyro with mirrored or swapped axes closes a 360-degree turn as well as a correct one; only gravity during the turn
-differs. All 48 signed permutations of the axes are tried. Each movement contributes the logarithm of its misfit, so that
-a vigorous movement does not outweigh a calm one. A turn about the vertical carries no information. An accelerometer is
-needed.
+A gyro with mirrored or swapped axes closes a 360-degree turn as well as a correct one. Only gravity during the turn
+differs. The check therefore needs an accelerometer.
+All 48 signed permutations of the axes are tried. Each movement contributes the logarithm of its misfit, so that a
+vigorous movement does not outweigh a calm one. A turn about the vertical carries no information.
 """
 
 import itertools
@@ -41,9 +41,11 @@ _LEAD = 1.0
 
 
 def foreign_axes(movements: Sequence[tuple[Rest, Samples]], matrix: Floats) -> Sentence | None:
-    """Return why the gyro's axes differ from the accelerometer's; None if they match, or the data cannot tell.
+    """Return the reason text if the gyro's axes differ from the accelerometer's.
 
-    movements: the rest before each movement, and its samples. matrix (3, 3): from readings to rates in the gyro's axes.
+    movements: pairs of the rest before a movement and the samples of the movement.
+    matrix (3, 3): gyro matrix, no unit: rate = matrix (reading - bias), in the gyro's axes.
+    Returns None if the axes match, or if the data cannot decide.
     """
     seen = [(rest, samples) for rest, samples in movements if rest.accel is not None and _moves(samples.accel)]
     if not seen:
@@ -56,12 +58,15 @@ def foreign_axes(movements: Sequence[tuple[Rest, Samples]], matrix: Floats) -> S
 
 
 def misfit(rest: Rest, samples: Samples, matrix: Floats) -> Floats:
-    """Mean squared difference (48,) of propagated and measured gravity under each mapping, in units of gravity squared.
+    """Mean squared difference (48,) of propagated and measured gravity under each axis mapping, in units of gravity squared.
 
-    rest: before the movement of `samples`. matrix (3, 3): from readings to rates in the gyro's axes. Raises ValueError
-    without accelerometer readings.
-    An accelerometer's offset o is measured too, and does not turn with the device: measured - C a = (I - C) o, a the
-    reading at rest. Each mapping gets the offset under which it fits best.
+    rest: the rest before the movement.
+    samples: gyro (rad/s) and accelerometer (m/s²) readings of the movement.
+    matrix (3, 3): gyro matrix, no unit: rate = matrix (reading - bias).
+    Raises ValueError without accelerometer readings.
+    An accelerometer offset o (m/s²) does not turn with gravity: measured - C a = (I - C) o. Here a (3,) is the reading
+    at rest, m/s², and C (3, 3) rotates it into the present sensor axes. Each mapping gets the offset under which it
+    fits best.
     """
     if rest.accel is None or samples.accel is None:
         raise ValueError("without an accelerometer gravity cannot be measured")
@@ -91,7 +96,10 @@ def _moves(accel: Floats | None) -> bool:
 
 
 def in_words(mapping: Floats) -> str:
-    """Axis mapping (3, 3) as text for users, such as `x = −y, y = x`; axes that do not change are left out."""
+    """Format an axis mapping (3, 3) as text for users, such as `x = −y, y = x`.
+
+    mapping: a signed permutation matrix. Axes that do not change are left out.
+    """
     rows = [int(np.argmax(np.abs(row))) for row in mapping]
     signs = ["−" if mapping[axis, row] < 0 else "" for axis, row in enumerate(rows)]
     changed = [

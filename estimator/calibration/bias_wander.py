@@ -1,12 +1,14 @@
-"""Bias wander of a gyro over a recording: covariance of its means over stretches of time, with the size shown by the rests.
+"""Covariance of a gyro's mean bias over stretches of a recording, scaled to the bias changes that the rests show.
 
-A wandering bias is a random walk and flicker noise together (IEEE Std 952-1997, Annex B). Letters:
+A wandering bias is the sum of a random walk and flicker noise (IEEE Std 952-1997, Annex B). Letters:
 
-    N, B    rate random walk, rad/s/√s; bias instability, rad/s: one-sided density B²/(pi f)
-    h       generalised covariance of the bias at two times, tau apart: -N² tau/2 - B²/pi ln tau, up to a constant
-    H       its second antiderivative in tau: a mean of h over two stretches is four values of H
-    W       (n, n) covariance of the stretches' mean biases, each less that of the reference stretch: the constant cancels
-    D       (n, n) the same for a steady drift, as of a device that warms up
+    N, B    rate random walk, rad/s/√s; bias instability, rad/s: one-sided density B²/(pi f), f in Hz
+    h       generalised covariance, (rad/s)², of the bias at two times tau (s) apart, up to a constant:
+            -N² tau/2 - B²/pi ln tau
+    H       second antiderivative of h in tau: the mean of h over two stretches is four values of H
+    W       (n, n), (rad/s)²: covariance of the mean biases of n stretches, each less that of the reference
+            stretch, so that the constant cancels
+    D       (n, n), (rad/s)²: the same for a steady drift, as of a device that warms up
 """
 
 from collections.abc import Sequence
@@ -24,7 +26,10 @@ _SIZES, _FACTOR = np.geomspace(0.05, 20.0, 61), 3.0
 
 @dataclass(frozen=True, slots=True)
 class WanderKnobs:
-    """Prior size of the bias wander; the defaults are those of the device model `generic`."""
+    """Prior size of the bias wander: bias instability (rad/s), rate random walk (rad/s/√s) and warm-up drift (rad/s²).
+
+    The defaults are those of the device model `generic`.
+    """
 
     #: rad/s, B; the flat of the Allan deviation is 0.664 B
     bias_instability: float = radians(0.014)
@@ -35,9 +40,12 @@ class WanderKnobs:
 
 
 def wander_cov(stretches: Sequence[Plateau], reference: int, rests: Sequence[Plateau], knobs: WanderKnobs) -> Floats:
-    """Covariance (n, n), (rad/s)², of one axis' wandering bias: mean of each stretch less that of stretch `reference`.
+    """Covariance (n, n), (rad/s)², of one axis's wandering bias in n stretches, relative to the reference stretch.
 
-    The size of the wander is estimated from the rests; knobs give its prior. A steady drift as of warming up is added.
+    Entry i is the mean bias of stretch i less that of stretch number `reference`.
+    rests: their mean readings determine the size of the wander, by restricted maximum likelihood; fewer than three
+        rests leave the prior size.
+    knobs: prior size of the wander, and the warm-up drift that is added.
     """
     return _shown_size(rests, knobs) ** 2 * _wander(stretches, reference, knobs) + _drift(stretches, reference, knobs)
 

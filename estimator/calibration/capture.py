@@ -1,4 +1,4 @@
-"""Captured data of a calibration session in device time: rests, and turns and movements with the rests around them."""
+"""Captured data of a calibration session: samples, rests, turns and movements; all times are device time in s."""
 
 from collections import deque
 from dataclasses import dataclass, field
@@ -17,7 +17,13 @@ _STEEP = np.sin(radians(45.0))
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Samples:
-    """Samples as columns: time (n,) s, gyro (n, 3) rad/s as read, accel (n, 3) m/s² or None, clipped (n,) bool."""
+    """Sensor samples as columns, in sensor axes.
+
+    time (n,): device time, s.
+    gyro (n, 3): rad/s as read, uncorrected.
+    accel (n, 3): m/s², or None without an accelerometer.
+    clipped (n,): True where the bridge found a reading at the end of the range.
+    """
 
     time: Floats
     gyro: Floats
@@ -28,24 +34,29 @@ class Samples:
         return len(self.time)
 
     def between(self, start: float, end: float) -> "Samples":
-        """Samples with start <= time <= end, device time in s; may be empty."""
+        """Select the samples with start <= time <= end, device time in s; may be empty."""
         return self.part(
             slice(int(np.searchsorted(self.time, start)), int(np.searchsorted(self.time, end, side="right")))
         )
 
     def part(self, part: slice) -> "Samples":
-        """Return the samples that a slice of row indices selects."""
+        """Select the samples of a slice of row indices."""
         accel = None if self.accel is None else self.accel[part]
         return Samples(self.time[part], self.gyro[part], accel, self.clipped[part])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rest:
-    """A period of stillness with its mean readings; start and end in device time, s.
+    """Period of stillness with its mean readings in sensor axes; start and end in device time, s.
 
-    bias (3,) rad/s: mean gyro reading. std (3,): standard deviation of one of its n readings. step (3,): rounding step.
-    accel (3,) m/s²: mean, or None. accel_std (3,): standard deviation of one accelerometer reading, None when unknown.
-    wander (3,) rad/s: error of the mean from low-frequency wandering beyond white noise, mostly 0.
+    n: number of samples.
+    bias (3,): mean gyro reading, rad/s.
+    std (3,): standard deviation of one gyro reading, rad/s.
+    step (3,): rounding step of the gyro readings, rad/s.
+    accel (3,): mean accelerometer reading, m/s², or None.
+    accel_std (3,): standard deviation of one accelerometer reading, m/s²; None when unknown.
+    wander (3,): rad/s, standard deviation of the mean from low-frequency bias wander beyond white noise; 0 in most
+        rests.
     """
 
     start: float
@@ -60,23 +71,26 @@ class Rest:
 
     @property
     def middle(self) -> float:
-        """Device time at which the bias equals the mean reading, s."""
+        """Device time in the middle of the rest, s: the time to which `bias` refers."""
         return (self.start + self.end) / 2
 
     @property
     def rounding_var(self) -> Floats:
-        """Variance (3,), (rad/s)², that rounding leaves in the mean reading: the same error in every rest."""
+        """Variance (3,), (rad/s)², of the mean reading from rounding. This error is the same in every rest."""
         return rounding_var(self.std, self.step)
 
     @property
     def bias_cov(self) -> Floats:
-        """Covariance (3, 3), (rad/s)², of the mean reading as the bias: white noise, rounding and wandering."""
+        """Covariance (3, 3), (rad/s)², of the mean reading as an estimate of the bias: white noise, rounding and wander."""
         return np.diag(mean_var(self.std, self.step, self.n) + self.wander**2)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TurnCapture:
-    """A full turn about device axis 0, 1 or 2: samples from inside the rest before to inside the rest after."""
+    """Full turn about device axis 0, 1 or 2 (x, y, z), with the rests before and after it.
+
+    samples: from inside the rest before to inside the rest after.
+    """
 
     axis: int
     samples: Samples
@@ -85,9 +99,9 @@ class TurnCapture:
 
     @property
     def checked_by_gravity(self) -> bool:
-        """True if gravity before and after shows if the turn was full: its axis must be less than 45° from the horizon.
+        """True if gravity before and after the turn can prove a full turn.
 
-        False without an accelerometer.
+        The axis of the turn must then be less than 45° from the horizon. False without an accelerometer.
         """
         up = self.before.accel
         return (
@@ -97,7 +111,10 @@ class TurnCapture:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Movement:
-    """A movement between two rests, with a short part of both; full_turn: it is known to have ended where it began."""
+    """Movement between two rests, with samples that include a short part of both rests.
+
+    full_turn: True if the movement is known to have ended in its start attitude.
+    """
 
     before: Rest
     after: Rest
@@ -109,8 +126,9 @@ class Movement:
 class Capture:
     """Input of a calibration method: the rest before the first turn, and one turn about each axis in the order x, y, z.
 
-    rests: every rest from that one to the one after the last turn, in the order of time.
-    movements: all movements between rests, full turns or not. Turns may be missing for methods that use only movements.
+    rests: all rests from `rest` to the one after the last turn, in the order of time.
+    movements: all movements between rests, full turns or not.
+    Methods that use only movements accept fewer than three turns.
     """
 
     rest: Rest
@@ -120,7 +138,7 @@ class Capture:
 
 
 class History:
-    """Buffer of the latest samples of a stream, at least `keep_s` seconds, searchable by device time."""
+    """Buffer of the latest samples of a stream, at least `keep_s` seconds of device time, searchable by device time in s."""
 
     def __init__(self, keep_s: float = 120.0) -> None:
         self._keep_s = keep_s
@@ -128,9 +146,9 @@ class History:
         self._held: deque[Floats] = deque()
 
     def take(self, rows: Floats) -> None:
-        """Append rows (n, 9), n > 0: columns of samples/sample_buffer.py.
+        """Append rows (n, 9), n > 0, and drop blocks of rows older than `keep_s` seconds.
 
-        Drop blocks of rows older than `keep_s` seconds.
+        Columns: device time (s), gyro (3, rad/s), accelerometer (3, m/s²), clipped (0 or 1), temperature (°C).
         """
         held, oldest_needed = self._held, rows.item(-1, TIME) - self._keep_s
         held.append(rows)
@@ -138,7 +156,10 @@ class History:
             held.popleft()
 
     def between(self, start: float, end: float) -> Samples:
-        """Samples still held with start <= time <= end, device time in s; empty when there are none."""
+        """Select the buffered samples with start <= time <= end, device time in s; empty when there are none.
+
+        The result has no accelerometer readings if one of them is missing (NaN).
+        """
         held = [rows for rows in self._held if rows.item(-1, TIME) >= start and rows.item(0, TIME) <= end]
         if not held:
             return Samples(np.empty(0), np.empty((0, 3)), None, np.empty(0, bool))
@@ -148,13 +169,13 @@ class History:
 
     @property
     def rate_hz(self) -> float:
-        """Median sample rate of the samples still held, Hz; 0 when there are none."""
+        """Median sample rate of the buffered samples, Hz; 0 with fewer than two samples."""
         time = np.concatenate([rows[:, TIME] for rows in self._held]) if self._held else np.empty(0)
         return float(1 / np.median(np.diff(time))) if len(time) > 1 else 0.0
 
     @property
     def largest(self) -> float:
-        """Largest absolute gyro reading still held, rad/s; 0 when there are none."""
+        """Largest absolute gyro reading in the buffer, rad/s, over all axes; 0 for an empty buffer."""
         return max((float(np.abs(rows[:, GYRO]).max()) for rows in self._held), default=0.0)
 
 

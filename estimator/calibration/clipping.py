@@ -1,11 +1,13 @@
-"""Detects readings clipped at the end of the gyro's full-scale range, whether the range is known or not.
+"""Detection of gyro readings clipped at the end of a known or unknown full-scale range.
 
-Known range: readings at 99 % of it are clipped. A reading beyond it shows that the device uses another range, which is
-then unknown.
-Unknown range: the largest reading of a movement repeats, whereas a hand passes its fastest moment once. The peak of any
-smooth movement spends 1.45 times as long in the five steps below its highest step as in the highest step itself. A step
-is the gyro's rounding step. A matrix or a filter after the clipping blurs the end of the range. A step is then a
-thousandth of the reading, and readings there scatter less than the gyro does at rest.
+Known range: readings from 99 % of the range are clipped. A reading above 102 % shows that the device uses another
+range, which is then unknown.
+Unknown range: the largest reading of a movement repeats if it is clipped. A hand passes its fastest moment only once.
+The test compares counts in rounding steps of the gyro. A smooth movement spends 1.45 times as long in the five steps
+below its highest step as in the highest step itself.
+Processing after the clipping, by a matrix or a filter, blurs the end of the range. The test is then repeated with a
+step of a thousandth of the largest reading. It also demands that these readings scatter less than the gyro does at
+rest.
 """
 
 from math import inf
@@ -29,16 +31,21 @@ _BLUR, _QUIETER = 1e-3, 0.5
 
 
 def clipped(samples: Samples, noise_std: Floats, gyro_range: float) -> Flags:
-    """Flags (n,) of the clipped samples of one movement: by the bridge, by the known range, or by repetition of the readings.
+    """Flags (n,) of the clipped samples of one movement: True where a reading is at the end of the range.
 
-    noise_std (3,) rad/s: standard deviation of one reading at rest. gyro_range: full-scale range, rad/s; infinite: not known.
+    A sample counts as clipped by the bridge's flag, by the known range, or by repetition of the largest reading.
+    noise_std (3,): standard deviation of one gyro reading at rest, rad/s.
+    gyro_range: full-scale range, rad/s; infinite when unknown.
     """
     known = at_range(samples, gyro_range)
     return known if known.any() else _repeated(samples.gyro, noise_std)
 
 
 def at_range(samples: Samples, gyro_range: float) -> Flags:
-    """Flags (n,) of the samples clipped according to the bridge or the known range."""
+    """Flags (n,) of clipped samples by the bridge's flag or the known range; True means clipped.
+
+    gyro_range: full-scale range, rad/s; infinite when unknown.
+    """
     size = np.abs(samples.gyro)
     if not float(size.max(initial=0.0)) <= _BEYOND * gyro_range < inf:
         return samples.clipped

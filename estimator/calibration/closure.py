@@ -1,9 +1,10 @@
-"""Default calibration method: the bias and scale factors under which every turn ends where it began.
+"""Default calibration method: the bias and scale factors under which every turn ends in its start attitude.
 
-All rests measure the bias. Each turn closes on SO(3), whatever path the hand took. Errors of a session are noise, a
-moving bias, rounding, re-placement by the hand, and misaligned axes. With an accelerometer the tilt after a turn is
-measured. The re-placement error and the size of the misalignment are estimated from the session itself: see
-replacement_error and misalignment. The equations are in closure_fit.
+All rests measure the bias. Each turn must close on SO(3), whatever path the hand took. An accelerometer, where present,
+measures the tilt after a turn.
+The error model has noise, a moving bias, rounding, re-placement by the hand, and axis misalignment. The sizes of the
+last two are estimated from the session: see replacement_error and misalignment.
+The equations are in closure_fit.
 """
 
 from dataclasses import dataclass, replace
@@ -25,7 +26,12 @@ from estimator.geometry.gyro_model import Floats, reading_std
 
 @dataclass(frozen=True, slots=True)
 class ClosureKnobs:
-    """Errors of a session beside its noise, as standard deviations; None: estimated from the session."""
+    """Assumed error sizes of a session apart from noise, as standard deviations; None means estimated from the session.
+
+    replacement: rad per axis. misalignment_std: relative (rad). tilt_share: relative to the tilt.
+    rate_random_walk: rad/s/√s. coning_below_hz: sample rate in Hz below which the coning correction is applied.
+    honest_p: probability below which the scatter of the rests counts as a faster-moving bias.
+    """
 
     #: rad per axis, between the start and the end of a turn by hand, and of a tilt measured by gravity
     replacement: Replacement | None = None
@@ -43,11 +49,14 @@ class ClosureKnobs:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Closure:
-    """Estimate of the closure method: k (3,) and bias (3,) rad/s at device time `time`.
+    """Estimate of the closure method: scale factors k (3,) and bias (3,) rad/s at device time `time`, s.
 
-    covariance (6, 6): order bias, k. turn_bias (3, 3): most likely bias during each turn. residual (3, 3) rad: closure
-    error of each turn beyond a measured tilt, in the frame of the turn's start. replacement, misalignment_std:
-    estimated, or from the knobs. chi2, dof: of all residuals.
+    covariance (6, 6): in the order bias (rad/s), k (no unit).
+    turn_bias (3, 3): most likely bias during each turn, rad/s, one row per turn.
+    residual (3, 3): closure error of each turn, rad, as a rotation vector in the frame of the turn's start, after
+        removing a measured tilt.
+    replacement, misalignment_std: error sizes, estimated or from the knobs.
+    chi2, dof: sum of all squared residuals over their covariance, and its degrees of freedom.
     """
 
     k: Floats
@@ -63,10 +72,10 @@ class Closure:
 
 
 def estimate(capture: Capture, knobs: ClosureKnobs | None = None) -> Closure:
-    """Estimate bias and scale factors from one session's rests and its three turns.
+    """Estimate bias (rad/s) and scale factors from one session's rests and its three turns, by maximum likelihood.
 
-    knobs: error sizes; what they leave open is estimated from the session. Raises NotConverged when no bias and scale
-    factors close the turns.
+    knobs: assumed error sizes; a size that is None is estimated from the session.
+    Raises NotConverged when no bias and scale factors close the turns.
     """
     knobs = knobs or ClosureKnobs()
     rests = capture.rests or (capture.rest,)
@@ -117,10 +126,11 @@ def _with_scatter(told: Evidence, found: Fit, honest_p: float) -> Evidence:
 
 
 def evidence(capture: Capture, knobs: ClosureKnobs, ends: tuple[End, ...], placed: Replacement) -> Evidence:
-    """Stack one session's rests and three turns into the arrays of the fit (Evidence with s = 1).
+    """Stack the rests and three turns of one session into the arrays of the fit (Evidence with s = 1).
 
-    ends: end attitude of each turn. placed: assumed re-placement error. The bias fitted is that at the middle of the
-    last rest.
+    knobs: assumed error sizes. placed: assumed re-placement error, rad.
+    ends: measured or assumed end attitude of each turn.
+    The fitted bias is the bias at the middle of the last rest.
     """
     rests, turns = capture.rests or (capture.rest,), capture.turns
     n = max(len(turn.samples) for turn in turns)

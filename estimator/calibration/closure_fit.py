@@ -1,27 +1,32 @@
 """Equations of the closure calibration: maximum likelihood over bias and scale factors, for many sessions at once.
 
-Letters, for s sessions, r rests, 3 turns of n samples; every covariance follows only from the errors named here:
+Letters, for s sessions, r rests, 3 turns of n samples:
 
-    m, dt   reading (rad/s) and the seconds it holds         b, k   bias (rad/s) and scale factors: g = k (m - b)
+    m, dt   reading (rad/s) and its sample interval (s)      b, k   bias (rad/s) and scale factors: g = k (m - b)
     C_t     attitude after sample t, C_0 = I                 R      C_n, the end of a turn, in the frame of its start
-    D       the end as measured (by gravity) or assumed      Exp, log   between rotation vectors and rotations
-    y_j     mean reading of rest j                           w      change of the bias since the reference time
+    D       end attitude, measured by gravity or assumed     Exp, log   between rotation vectors (rad) and rotations
+    y_j     mean reading of rest j (rad/s)                   w      change of the bias since the reference time (rad/s)
+    P_t     effect on R of a rate error in sample t (s)      K      diag(k)
+    E       axis misalignment (3, 3), zero diagonal          '      transpose
 
-Residuals:  f_j = y_j - b  of rest j,      f_i = log(R_i D_i')  of turn i, in the frame the turn started in.
+Residuals:  f_j = y_j - b  of rest j, rad/s,    f_i = log(R_i D_i')  of turn i, rad, in the frame of the turn's start.
 
-A change dg_t of the rates turns R by eps = sum_t P_t dg_t on the left, with P_t = C_(t-1) Jl(g_t dt) dt, Jl the left
+A change dg_t of the rates turns R by eps = sum_t P_t dg_t on the left, with P_t = C_(t-1) Jl(g_t dt) dt. Jl is the left
 Jacobian of SO(3). The code uses (C_(t-1) + C_t)/2 dt, which differs from P_t by the relative amount (rate dt)²/12.
-The slopes are
+The derivatives of the residuals are
 
     A_i = sum P_t K,   df_i/db = -J A_i,   df_i/dk = J sum P_t diag(m_t - b),   J = Jl(f_i)^-1;   A_j = I, df_j/db = -I
 
-At the true b and k, f_j = w_j + mean noise, and f_i = J (A_i w_i + sum P_t K (noise_t + E (m_t - b))) + errors of the
-hand or the accelerometer. E, the misalignment of the gyro's axes, has a zero diagonal and is the same in all turns. E
-is not estimated and not part of S. Samples of a rest that are also in the integral of a turn correlate the two
-residuals.
+At the true b and k the residuals are
 
-Gauss-Newton on L^-1 f, L L' = S the covariance of f; covariance of (b, k) = (F' S^-1 F)^-1, F = df/d(b, k).
-The dependence of S on k carries some 1e-6 of the information and is neglected.
+    f_j = w_j + mean noise
+    f_i = J (A_i w_i + sum P_t K (noise_t + E (m_t - b))) + errors of the hand or the accelerometer
+
+E is the same in all turns. The fit neither estimates E nor includes it in the covariance S of f. A sample can belong to
+both a rest and a turn; it then correlates the two residuals.
+
+The solver is Gauss-Newton on L^-1 f, with the Cholesky factor L L' = S. The covariance of (b, k) is (F' S^-1 F)^-1,
+with F = df/d(b, k). The dependence of S on k carries some 1e-6 of the information and is neglected.
 """
 
 from dataclasses import dataclass
@@ -36,9 +41,19 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Evidence:
-    """Evidence of s sessions, each with r rests and 3 turns of n samples; shorter turns are padded with samples of dt = 0.
+    """Input of the closure fit: s sessions, each with r rests and 3 turns of n samples.
 
-    Rates in rad/s, times in s, angles in rad.
+    Rates are in rad/s, times in s, angles in rad, variances and covariances in the squares of these. Shorter turns are
+    padded with samples of dt = 0.
+    reading (s, 3, n, 3), dt (s, 3, n): readings of the turns and their sample intervals.
+    noise_var (s, 3): variance of the white noise of one reading.
+    rest, rest_var, rest_common_var (s, r, 3): mean readings of the rests, their white-noise variance, and the variance
+        of the error that all rests share.
+    shared (s, 2, 3, r): seconds of each turn's first and second half that belong to each rest, over the sample count of
+        that rest.
+    walk (s, r + 3, r + 3): covariance of the bias change at rests and turns.
+    end (s, 3, 3, 3), end_cov (s, 3, 3, 3): end attitudes, and their covariance in the frame of the start.
+    coning: True to apply the coning correction.
     """
 
     #: (s, 3, n, 3) readings of the turns, and (s, 3, n) the seconds each holds
@@ -63,13 +78,15 @@ class Evidence:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fit:
-    """Maximum-likelihood fit of s sessions: bias b (s, 3), rad/s, scale factors k (s, 3), their covariance (s, 6, 6).
+    """Maximum-likelihood fit of s sessions: bias b (s, 3) rad/s, and scale factors k (s, 3) without unit.
 
-    The covariance has the order b, k. gain (s, 6, 3r + 9): change of b and k per unit of each residual of the r rests
-    (rad/s) and 3 turns (rad). turn_b (s, 3, 3): most likely bias during each turn, b + w, where w is the change of the bias.
-    f (s, 3, 3): residuals of the turns, rad, at that bias. f_turn (s, 3, 3), f_cov (s, 3, 3, 3): residuals of the turns
-    at b, rad, and their covariance.
+    covariance (s, 6, 6): of b and k, in this order.
+    gain (s, 6, 3r + 9): change of b and k per unit of each residual of the r rests (rad/s) and 3 turns (rad).
+    turn_b (s, 3, 3): most likely bias during each turn, rad/s.
+    f (s, 3, 3): residuals of the turns at `turn_b`, rad.
+    f_turn (s, 3, 3), f_cov (s, 3, 3, 3): residuals of the turns at b, rad, and their covariance, rad².
     rest_misfit (s,), chi2 (s,): squared residuals at b over their covariance, of the rests and of all together.
+    converged (s,): True where the iteration converged.
     """
 
     b: Floats
@@ -89,8 +106,9 @@ class Fit:
 def fit(evidence: Evidence, max_iterations: int = 12, tolerance: float = 0.01) -> Fit:
     """Maximum-likelihood fit of bias and scale factors to the evidence of s sessions, by Gauss-Newton.
 
-    A session has converged where the last step was below `tolerance` standard deviations, so that the next would be
-    near 0. See `Fit.converged`.
+    tolerance: a session has converged when its last step is below this many standard deviations.
+    A session that does not converge within `max_iterations` has False in `Fit.converged`. Raises LinAlgError for a
+    singular problem.
     """
     theta = start(evidence)
     iterations, converged = 0, np.zeros(len(theta), bool)
@@ -137,10 +155,10 @@ def _found(
 
 
 def start(evidence: Evidence) -> Floats:
-    """Initial bias, rad/s, and scale factors (s, 6): mean of the rests; |integral of k (m - b)| = 360° in each turn.
+    """Start values (s, 6) of the fit: bias (3) rad/s, the weighted mean of the rests, then scale factors (3).
 
-    The criterion on the turns, linear in k², is the paper's for fixed axes. For turns by hand it is accurate to some
-    1e-3.
+    The scale factors solve |integral of k (m - b)| = 360° for each turn, which is linear in k². This criterion is that
+    of Wang et al. 2024 for turns about fixed axes. For turns by hand its error is about 1e-3.
     """
     weight = 1 / (evidence.rest_var + evidence.rest_common_var)
     b = (weight * evidence.rest).sum(axis=1) / weight.sum(axis=1)
@@ -154,10 +172,14 @@ def start(evidence: Evidence) -> Floats:
 
 
 def linearise(evidence: Evidence, theta: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-    """Linearise at theta (s, 6): residuals f (s, 3r + 9), slopes F (s, 3r + 9, 6), covariance S, slopes (s, 9, 6) by E.
+    """Linearise the residuals of s sessions at theta (s, 6): bias (3) rad/s, then scale factors (3).
 
-    theta: bias b (3) rad/s, then scale factors k (3); F are the slopes by theta. S (s, 3r + 9, 3r + 9) is the
-    covariance of f. The last result is the slopes of the turns' residuals, rad, by the off-diagonal elements of E.
+    Returns four arrays; rests come first, then turns:
+
+        f  (s, 3r + 9)           residuals: rests in rad/s, turns in rad
+        F  (s, 3r + 9, 6)        derivatives of f by theta
+        S  (s, 3r + 9, 3r + 9)   covariance of f
+        (s, 9, 6)                derivatives of the turns' residuals by the six off-diagonal elements of E, rad
     """
     b, k = theta[:, :3], theta[:, 3:]
     s, r = evidence.rest.shape[:2]
@@ -227,7 +249,10 @@ def _middles(values: Floats) -> Floats:
 
 
 def left_jacobian_inverse(vector: Floats) -> Floats:
-    """Inverse left Jacobian (…, 3, 3) of SO(3), J: log(Exp(e) Exp(v)) = v + J e for small e. Requires |v| < 2 pi."""
+    """Inverse left Jacobian (…, 3, 3) of SO(3) at rotation vectors v (…, 3), rad.
+
+    J satisfies log(Exp(e) Exp(v)) = v + J e for small e. Requires |v| < 2 pi.
+    """
     angle = np.linalg.norm(vector, axis=-1)[..., None, None]
     half = np.maximum(angle, 1e-3) / 2
     second = np.where(angle < 1e-3, 1 / 12 + angle**2 / 720, (1 - half / np.tan(half)) / (4 * half**2))

@@ -1,4 +1,4 @@
-"""Stretches of constant rate (plateaus) in a recording on a turntable or a servo, and the rests between them."""
+"""Detection of plateaus in a recording on a turntable or a servo: stretches of constant rate, and the rests between them."""
 
 from dataclasses import dataclass
 from math import radians
@@ -22,10 +22,11 @@ _REST = radians(1.0)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plateau:
-    """A stretch of constant rate, from device time `start` to `end`, s: mean reading (3,) rad/s, and its scatter.
+    """Stretch of constant rate from device time `start` to `end`, s, with its mean reading (3,) rad/s in sensor axes.
 
-    var (3,), (rad/s)²: variance of the mean. std (3,) rad/s: of one reading. clipped: whether some readings were beyond
-    the range.
+    var (3,): variance of the mean, (rad/s)².
+    std (3,): standard deviation of one reading, rad/s.
+    clipped: True if some readings were at the end of the range.
     """
 
     start: float
@@ -37,9 +38,10 @@ class Plateau:
 
 
 def plateaus(samples: Samples) -> list[Plateau]:
-    """Find all stretches of constant rate in a recording, in the order of time; empty when there are none.
+    """Find all stretches of constant rate of at least 1 s in a recording, in the order of time; empty when there are none.
 
-    The first and last window of a plateau are cut off, because they may contain a ramp.
+    The method compares windows of 0.2 s by mean and scatter. The first and last window of a plateau are cut off,
+    because they may contain a ramp.
     """
     step = max(round(_WINDOW_S / float(np.median(np.diff(samples.time)))), 4)
     n = len(samples) // step
@@ -85,10 +87,11 @@ def _stuck(gyro: Floats, of: Floats) -> bool:
 
 
 def split(found: list[Plateau], rates: tuple[float, ...]) -> tuple[list[Plateau], list[Plateau], list[Plateau]]:
-    """Split plateaus into rests, turns, and others: clipped, or too fast for a rest and too slow for a turn.
+    """Split plateaus into three lists: rests, turns, and others.
 
-    rates: known rates of the machine, rad/s. Works for any bias: about any one axis most stretches read little but the
-    bias, as rests do.
+    rates: known rates of the machine, rad/s.
+    Others are clipped, or too fast for a rest and too slow for a turn. The bias may have any size. The split takes it
+    from the median reading, since about any one axis most stretches do not rotate.
     """
     if not found:
         return [], [], []
@@ -107,16 +110,18 @@ def split(found: list[Plateau], rates: tuple[float, ...]) -> tuple[list[Plateau]
 
 
 def said_of_others(others: list[Plateau]) -> Sentences:
-    """Reason text that counts the plateaus left out of a fit, and the clipped among them; empty if there are none."""
+    """Reason text that counts the plateaus left out of a fit, and the clipped ones among them; empty if there are none."""
     clipped = sum(p.clipped for p in others)
     return (Code.STRETCHES_LEFT_OUT(stretches=len(others), clipped=clipped),) if others else ()
 
 
 def nearest_rates(size: Floats, rates: tuple[float, ...]) -> Floats:
-    """Known rate (n,) at which each plateau of one axis was turned, from its reading's size (n,) rad/s; 0 for none.
+    """Assign a known rate (n,), rad/s, to each of n plateaus of one axis; 0 where no rate fits.
 
-    One scale factor must explain most readings; of several that do, the one nearest to 1 is used. A reading more than
-    10 % from every known rate under that factor belongs to another rate.
+    size (n,): absolute reading of each plateau less the bias, rad/s.
+    rates: known rates of the machine, rad/s.
+    The method finds one scale factor that explains most readings within 1 %. Of several such factors it takes the one
+    nearest to 1. A reading more than 10 % from every known rate under that factor gets 0.
     """
     known = np.array(rates)
     candidates = (known / size[:, None]).ravel()

@@ -1,15 +1,20 @@
-"""Gravity propagated through the movements of a session: residuals, slopes and covariance under a calibration.
+"""Gravity propagated through the movements of a session: residuals, derivatives and covariance under a calibration.
 
 Source: the principle is Fong, Ong, Nee, Meas. Sci. Technol. 19 (2008) 085202, and Tedaldi, Pretto, Menegatti, ICRA
-2014. Here the accelerometer's errors, the bias and all rests are in one problem. Letters:
+2014. This module estimates the accelerometer's errors, the bias and the matrix together, from all rests. Letters:
 
-    theta   bias (3) | diagonal of M (3) | off-diagonal of M (6) | accelerometer (9, accelerometer_errors.PARAMETERS)
-    u_i     direction of gravity at rest i as the accelerometer measures it; |g_i| - G is its other residual
-    R_j     integral of M (reading - bias) over movement j; e_j = the rotation, across u, from u_before to R_j u_after
-    r, J, C residuals, their slopes by theta, and their covariance: gyro noise, accelerometer, floors of either
+    theta   (21,): bias (3) rad/s | diagonal of M (3) | off-diagonal of M (6), rad |
+            accelerometer errors (9), accelerometer_errors.PARAMETERS
+    M       gyro matrix (3, 3), no unit: rate = M (reading - bias)
+    g_i     gravity (3,) m/s² at rest i, as the accelerometer measures it under theta; residual |g_i| - G, m/s²
+    u_i     direction of g_i, a unit vector in sensor axes
+    R_j     rotation of movement j: integral of M (reading - bias)
+    e_j     rotation vector, rad, across u_before, from u_before to R_j u_after: two residuals per movement
+    r, J, C residuals, their derivatives by theta, and their covariance
 
-Neighbouring movements share a rest and so its accelerometer error: C is not diagonal. A full turn must also end in the
-heading it began with.
+C has gyro noise, accelerometer noise, and lower limits of both errors. Neighbouring movements share the accelerometer
+error of the rest between them, so C is not diagonal. A full turn must also end in its start heading: one more residual,
+rad.
 """
 
 from collections.abc import Sequence
@@ -35,7 +40,10 @@ ROW, COLUMN = np.array([*((i, i) for i in range(3)), *_OFF_DIAGONAL]).T
 
 @dataclass(frozen=True, slots=True)
 class TransitionKnobs:
-    """Error sizes of each measurement, and priors. Angles in rad."""
+    """Assumed error sizes of each measurement, and priors, as standard deviations.
+
+    Angles are in rad, accelerations in m/s², rates in rad/s. Matrix elements and shares have no unit.
+    """
 
     #: m/s², error of a rest's mean acceleration that averaging does not remove: a swaying hand, accelerometer
     #: non-linearity
@@ -63,9 +71,11 @@ class TransitionKnobs:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Transitions:
-    """The rests of a session, each once, and the movements between them.
+    """Rests of a session, each once, and the m movements between them.
 
-    links: numbers of the rests before and after each movement. turns: whether each movement was a full turn.
+    links (m pairs): numbers of the rests before and after each movement.
+    samples (m): readings of each movement.
+    turns (m): True where the movement was a full turn.
     """
 
     rests: tuple[Rest, ...]
@@ -74,7 +84,7 @@ class Transitions:
     turns: tuple[bool, ...]
 
     def only(self, chosen: Sequence[int]) -> "Transitions":
-        """Return a subset: the movements with the given numbers, and the rests before and after them, renumbered."""
+        """Select the movements with the given numbers, and the rests before and after them, renumbered."""
         kept = sorted({rest for j in chosen for rest in self.links[j]})
         number = {rest: i for i, rest in enumerate(kept)}
         return Transitions(
@@ -86,14 +96,17 @@ class Transitions:
 
 
 def matrix_of(elements: Floats) -> Floats:
-    """Gyro matrix M (3, 3) from its elements (9,): the diagonal, then the others."""
+    """Build the gyro matrix M (3, 3) from its elements (9,): the diagonal, then the off-diagonal by rows."""
     M = np.empty((3, 3))
     M[ROW, COLUMN] = elements
     return M
 
 
 def collect(movements: Sequence[Movement]) -> Transitions:
-    """Transitions from movements in the order of time; the rest after a movement and before the next is one rest."""
+    """Combine movements, in the order of time, into Transitions.
+
+    The rest after one movement and the rest before the next become one rest if they overlap in time.
+    """
     rests: list[Rest] = []
     links = []
     for movement in movements:
@@ -109,10 +122,12 @@ def collect(movements: Sequence[Movement]) -> Transitions:
 
 
 class Problem:
-    """Least-squares problem of gravity propagation: residuals of theta (21,) with their slopes and covariance.
+    """Least-squares problem of gravity propagation: residuals of theta (21,) with their derivatives and covariance.
 
-    theta: bias, matrix and accelerometer errors, in the order and units at the top of the file. data: rests and
-    movements. knobs: assumed error sizes and priors.
+    theta: gyro bias (3) rad/s, gyro matrix (9) without unit, accelerometer bias (3) m/s², scale (3) and shear (3)
+        relative.
+    data: rests and movements.
+    knobs: assumed error sizes and priors.
     """
 
     def __init__(self, data: Transitions, knobs: TransitionKnobs) -> None:
@@ -128,9 +143,10 @@ class Problem:
         self._prior_std = np.concatenate([np.full(3, np.inf), np.full(3, knobs.scale), off, knobs.accel.std()])
 
     def solve(self, theta: Floats) -> Floats:
-        """Solve for theta (21,) by Levenberg-Marquardt from a start value theta (21,).
+        """Solve for theta (21,), gyro bias (rad/s), matrix and accelerometer errors, by Levenberg-Marquardt.
 
-        The weights are recomputed once, at the first solution.
+        theta (21,): start value, in the order and units of the class. The weights are recomputed once, at the first
+            solution.
         """
         for _ in range(2):
             r, J, factor = self.whitened(theta)
@@ -149,10 +165,10 @@ class Problem:
         return theta
 
     def whitened(self, theta: Floats, factor: Floats | None = None) -> tuple[Floats, Floats, Floats]:
-        """Whitened residuals (n,) and slopes (n, 21) at theta, in standard deviations, and the Cholesky factor of C.
+        """Whitened residuals (n,) and derivatives (n, 21) at theta, with the Cholesky factor of C.
 
-        factor: Cholesky factor to use; by default that of C at theta. Residuals of the biases at rest and of the priors
-        are included.
+        Residuals are in standard deviations. They include the biases at rest and the priors.
+        factor: Cholesky factor to use; by default that of C at theta.
         """
         r, J, noise, parts = self._gravity(theta)
         lower = np.asarray(np.linalg.cholesky(self.unit * (noise + parts.sum(axis=0)))) if factor is None else factor
@@ -161,7 +177,10 @@ class Problem:
         return np.concatenate([both[:, 0], r]), np.vstack([both[:, 1:], J]), lower
 
     def factors(self, theta: Floats) -> Floats:
-        """Estimate the variances of accelerometer, path and heading errors (3,), as factors of the assumed ones."""
+        """Estimate error variances (3,) relative to the assumed ones: of accelerometer, path and heading; no unit.
+
+        Method: restricted likelihood, see variance_components.
+        """
         r, J, noise, parts = self._gravity(theta)
         known_r, known_J = self._known(theta)
         return variance_components.factors(
@@ -169,7 +188,10 @@ class Problem:
         )
 
     def spread(self, theta: Floats, factors: Floats) -> Floats:
-        """Covariance (n, n) of theta (n,), in its units, if the error variances are factors (3,) times the assumed ones."""
+        """Covariance (21, 21) of theta, in the units of theta, for given error sizes.
+
+        factors (3,): error variances relative to the assumed ones, result of `factors`.
+        """
         _, J, noise, parts = self._gravity(theta)
         C = noise + np.tensordot(factors, parts, axes=1)
         weighted = np.linalg.solve(self.unit * (noise + parts.sum(axis=0)), J)
@@ -181,7 +203,7 @@ class Problem:
         return np.asarray(covariance)
 
     def misses(self, theta: Floats) -> tuple[Floats, Floats]:
-        """Angle (m,), rad, by which each movement misses measured gravity, and the same in standard deviations (m,)."""
+        """Angle (m,), rad, between propagated and measured gravity of each movement, and the same in standard deviations (m,)."""
         r, _, noise, parts = self._gravity(theta)
         C = noise + parts.sum(axis=0)
         m = len(self.data.links)
@@ -191,12 +213,18 @@ class Problem:
         return np.linalg.norm(e, axis=1), ratio
 
     def accel_var(self, factors: Floats) -> Floats:
-        """Variances (n, 3), m²/s⁴, of the mean accelerations at the n rests; factors (3,): result of `factors`."""
+        """Variances (n, 3), m²/s⁴, of the mean accelerations at the n rests.
+
+        factors (3,): relative error variances, result of `factors`.
+        """
         noise = np.array([_noise_var(rest) for rest in self.data.rests])
         return np.asarray(noise + factors[0] * self.knobs.accel_floor**2)
 
     def path_cov(self, path: Path, factors: Floats) -> Floats:
-        """Covariance (3, 3), rad², of the end attitude of a path; factors (3,): result of `factors`."""
+        """Covariance (3, 3), rad², of the end attitude of a path, as a small rotation in the frame of its start.
+
+        factors (3,): relative error variances, result of `factors`.
+        """
         return np.asarray(path.noise + factors[1] * self._path_var(path) * np.eye(3))
 
     def _known(self, theta: Floats) -> tuple[Floats, Floats]:

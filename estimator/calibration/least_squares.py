@@ -1,6 +1,7 @@
 """Generalised least squares: one Gauss-Newton step, its covariance, and the misfit of the residuals.
 
-Letters: f (n,) residuals, F (n, p) their derivatives by the parameters, C (n, n) the covariance of f.
+Letters: f (n,) residuals, F (n, p) their derivatives by the parameters, C (n, n) the covariance of f. Units are those
+of the caller's residuals and parameters.
 """
 
 from collections.abc import Callable
@@ -26,8 +27,9 @@ _FACTOR = 10.0
 class Solved:
     """One Gauss-Newton step (p,), its size in standard deviations, and the covariance (p, p) of the parameters.
 
-    residual (n,) after the step; left (n, n), covariance of these residuals. cost: -2 log of the restricted likelihood
-    of C, up to a constant.
+    residual (n,): residuals after the step. left (n, n): their covariance.
+    cost: -2 log of the restricted likelihood of C, up to a constant.
+    Units are those of the caller's parameters and residuals.
     """
 
     step: Floats
@@ -38,7 +40,11 @@ class Solved:
     cost: float
 
     def misfit(self, rows: slice | NDArray[np.bool_] = slice(None)) -> float:
-        """Chi-square over degrees of freedom of selected residuals (all by default); 1 where chance explains them."""
+        """Chi-square over degrees of freedom of selected residuals, no unit; 1 where chance explains them.
+
+        rows: selects the residuals; by default all.
+        Chance explains residuals whose probability is above 0.01.
+        """
         value, vector = np.linalg.eigh(self.left[rows][:, rows])
         free = value > _ZERO * value[-1]
         chi2 = (vector.T @ self.residual[rows])[free] ** 2 / value[free]
@@ -49,7 +55,8 @@ class Solved:
 def solve(f: Floats, F: Floats, C: Floats) -> Solved:
     """Gauss-Newton step that minimises f' C⁻¹ f for residuals f (n,) linear in the parameters, with its covariance.
 
-    Raises LinAlgError when F (n, p) leaves a parameter undetermined, or C (n, n) is not positive definite.
+    F (n, p): derivatives of f by the parameters. C (n, n): covariance of f.
+    Raises LinAlgError when F leaves a parameter undetermined, or C is not positive definite.
     """
     lower = np.linalg.cholesky(C)
     both = np.linalg.solve(lower, np.column_stack([F, f]))
@@ -63,11 +70,13 @@ def solve(f: Floats, F: Floats, C: Floats) -> Solved:
 
 
 def shown_size(fit: Callable[[float], Solved], told: float, worst: float) -> float:
-    """Estimate the size of an error from the residuals: prior `told` within a factor of ten, at most `worst`.
+    """Estimate the standard deviation of one error kind from the residuals, by restricted likelihood with a prior.
 
-    fit: solves the least-squares problem with a given size of the error. The result is the root of the posterior mean
-    of the squared size. It comes from the restricted likelihood of `fit` and a log-normal prior, on a grid from a tenth
-    of `told`.
+    fit: solves the least-squares problem for a given size of the error.
+    told: prior size; the prior is log-normal with a factor of ten as one standard deviation.
+    worst: largest size tried.
+    Sizes and result have the unit of `told`. The result is the root of the posterior mean of the squared size, on a
+    grid from a tenth of `told` to `worst`.
     """
     sizes = np.geomspace(0.1 * told, worst, 19)
     cost = np.array([fit(float(size)).cost for size in sizes]) + (np.log(sizes / told) / log(_FACTOR)) ** 2

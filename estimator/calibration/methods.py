@@ -1,4 +1,4 @@
-"""Calibration methods by name: each takes a Capture and gives a Result."""
+"""Calibration methods by name: METHODS for captures by hand, BY_RATES for recordings on machines; each returns a Result."""
 
 from collections.abc import Callable
 from math import radians
@@ -18,7 +18,7 @@ _CLOSURE = radians(3.0)
 
 
 def by_turn360(capture: Capture) -> Result:
-    """Calibration method `turn360`: bias (3,) rad/s and scale factors by the paper's Algorithm 1, with a verdict.
+    """Calibration method `turn360`: bias (3,) rad/s and scale factors (3,) by Algorithm 1 of Wang et al. 2024, with verdict.
 
     Uses one rest and three turns. Verdict REFUSED, without an estimate, when the iteration does not converge.
     """
@@ -30,7 +30,7 @@ def by_turn360(capture: Capture) -> Result:
 
 
 def by_closure(capture: Capture) -> Result:
-    """Calibration method `closure`: bias (3,) rad/s and scale factors under which every turn ends where it began.
+    """Calibration method `closure`: bias (3,) rad/s and scale factors (3,) under which every turn ends where it began.
 
     Maximum likelihood over all rests and three turns. Verdict REFUSED, without an estimate, when the fit does not
     converge.

@@ -1,9 +1,10 @@
 """Size of a gyro's axis misalignment, estimated from the turns of a session.
 
-An element E_ij of the matrix K (I + E) makes a turn about axis j read as tilted towards i by E_ij. The hand's own tilt
-looks the same, so turns alone cannot tell the two apart. A scale factor fitted without E is off by E times the tilt
-that is read.
-Tilts of a size typical for hands are attributed to the hand, the excess to E.
+The gyro matrix is K (I + E), with scale factors K and misalignment E, relative (rad). An element E_ij makes a turn
+about axis j read as tilted towards axis i by E_ij.
+A turn that the hand tilts reads the same, so turns alone cannot separate the two. A scale factor fitted without E is
+wrong by E times the tilt that is read.
+The estimate attributes tilts up to 0.03 rad, typical for hands, to the hand. It attributes the excess to E.
 """
 
 from collections.abc import Sequence
@@ -26,7 +27,8 @@ _WORTH_SAYING = 0.01
 def estimate(rate: Floats, dt: Floats, k: Floats, turns: Sequence[TurnCapture]) -> float:
     """Standard deviation of each off-diagonal element E_ij of the misalignment (relative, rad), from three turns.
 
-    rate (3, n, 3) rad/s: readings less the bias. dt (3, n) s. k (3,): scale factors. turns: give the axis of each turn.
+    rate (3, n, 3): readings less the bias, rad/s. dt (3, n): sample intervals, s.
+    k (3,): scale factors. turns: give the axis of each turn.
     """
     turned = k * np.einsum("itj,it->ij", rate, dt)
     axes = [turn.axis for turn in turns]
@@ -36,9 +38,10 @@ def estimate(rate: Floats, dt: Floats, k: Floats, turns: Sequence[TurnCapture]) 
 
 
 def said(std: float, scale_std: float) -> Sentences:
-    """Explain that a result is uncertain because its turns were tilted, as sentences; () for a small `std`.
+    """Reason text that a result is uncertain because its turns were tilted; empty for a small misalignment.
 
-    std: result of `estimate`. scale_std: relative standard deviation of the scale factors.
+    std: misalignment, relative (rad), result of `estimate`; small means below 0.01.
+    scale_std: relative standard deviation of the scale factors.
     """
     if std < _WORTH_SAYING:
         return ()

@@ -1,4 +1,4 @@
-"""Movements of a session through which gravity can be propagated, and the gyro's bias in each of them."""
+"""Selection of movements through which gravity can be propagated, and the gyro's bias in each of them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -22,7 +22,8 @@ STALE_S = 600.0
 class Movements:
     """Bounded collection of the latest movements between rests, as input of a calibration by movements.
 
-    gyro_range: full-scale range, rad/s; infinite when unknown. The limits of turn recognition for gaps and bias steps apply.
+    gyro_range: full-scale range, rad/s; infinite when unknown.
+    Turn recognition gives the limits for gaps between samples and for bias steps.
     """
 
     def __init__(self, gyro_range: float) -> None:
@@ -31,11 +32,12 @@ class Movements:
         self.kept: list[Movement] = []
 
     def add(self, movement: Movement, *, full_turn: bool) -> bool:
-        """Keep a movement if gravity can be propagated through it; return whether it was kept.
+        """Keep a movement if gravity can be propagated through it; return True if it was kept.
 
-        Propagation needs an accelerometer at both rests, no clipped or missing samples, at most 30 s and 1.5 turns, and
-        one bias. Movements that are too old for it, or of another bias, are dropped. full_turn: whether it is known to
-        have ended where it began.
+        full_turn: True if the movement is known to have ended where it began.
+        Propagation needs accelerometer readings at both rests and the same bias at both. It accepts no clipped or
+        missing samples, at most 30 s, and at most 1.5 turns.
+        Earlier movements are dropped when they are 600 s older than the new one, or have another bias.
         """
         if movement.before.accel is None or movement.after.accel is None or not self._whole(movement):
             return False
@@ -69,9 +71,12 @@ class Movements:
 class Biases:
     """Bias of a session and of each of its m movements, rad/s, from its n rests; variances in (rad/s)².
 
-    mean (3,): bias of the session. noise (n, 3): variance of each rest's reading. moved (3,): variance of the bias
-    about its mean. at_rest (n, 3), local (m, 3): bias in each rest and each movement, less the mean. by_reading (m + 1,
-    n, 3): weights of the rests' readings in the bias of each movement and, in the last row, in the mean.
+    mean (3,): bias of the session.
+    noise (n, 3): variance of each rest's mean reading.
+    moved (3,): variance of the bias about its mean.
+    at_rest (n, 3), local (m, 3): bias in each rest and each movement, less the mean.
+    by_reading (m + 1, n, 3): weights, no unit, of the rests' readings in the bias of each movement. The last row has
+        their weights in the mean.
     """
 
     mean: Floats
@@ -83,15 +88,17 @@ class Biases:
 
     @property
     def mean_moved(self) -> Floats:
-        """Variance (3,), (rad/s)², of the session's mean bias that comes from the bias moving between rests."""
+        """Variance (3,), (rad/s)², of the session's mean bias from bias changes between rests."""
         return np.asarray(self.moved * np.sum(self.by_reading[-1] ** 2, axis=0))
 
 
 def biases(rests: Sequence[Rest], links: Sequence[tuple[int, int]], floor: float) -> Biases:
-    """Estimate the bias of each movement; links (m, 2) are the numbers of the rests before and after it.
+    """Estimate the bias of each of m movements from the mean readings of n rests.
 
-    The more the rests scatter beyond their noise, the more weight is on the two rests beside a movement; otherwise all
-    rests weigh alike. floor: rad/s, standard deviation of a rest's reading beyond its noise.
+    links (m pairs): numbers of the rests before and after each movement.
+    floor: standard deviation of a rest's mean reading beyond its noise, rad/s.
+    Where the rests agree within their noise, the bias of every movement is their weighted mean. The more they scatter
+    beyond it, the more weight is on the two rests beside a movement.
     """
     reading = np.array([rest.bias for rest in rests])
     noise = np.array([np.diag(rest.bias_cov) for rest in rests]) + floor**2

@@ -1,10 +1,13 @@
-"""Re-placement error: how accurately a hand puts a device back after a turn, estimated from the session.
+"""Re-placement error: attitude difference between start and end of a turn put back by hand, estimated from the session.
 
 Three turns give nine closure errors, three of which the scale factors absorb. An accelerometer measures the tilts too.
-Each estimate is the variance s² per axis for which the sum of squares x' (V + s² I)^-1 x equals its degrees of freedom
-less two, where V is the known part of the covariance. Less two, because deviations of few degrees of freedom follow
-Student's t: its variance is dof / (dof - 2) times that of a normal distribution. The covariance of the calibration then
-has the true spread.
+The estimate is the variance s² (rad², per axis) for which
+
+    sum of x' (V + s² I)^-1 x = degrees of freedom - 2
+
+where x (rad) are the errors and V (rad²) is the known part of their covariance. The subtraction of 2 follows Student's
+t, whose variance is dof / (dof - 2) times that of a normal distribution. The covariance of the calibration then has the
+true spread.
 """
 
 from collections.abc import Sequence
@@ -24,8 +27,9 @@ _LARGEST = 10.0
 class Replacement:
     """Re-placement error as standard deviations, rad per axis.
 
-    std: between start and end of a turn by hand. tilt_std: of a measured tilt.
-    With an accelerometer `std` applies only about the vertical, and tilt_std across it.
+    std: difference between start and end of a turn by hand.
+    tilt_std: error of a measured tilt.
+    With an accelerometer, `std` applies only about the vertical, and `tilt_std` about horizontal axes.
     """
 
     std: float
@@ -38,9 +42,11 @@ USUAL = Replacement(radians(0.2), radians(0.1))
 
 @dataclass(frozen=True, slots=True, eq=False)
 class End:
-    """End of a turn in the frame of its start: attitude (3, 3), the identity where no accelerometer measured a tilt.
+    """End attitude (3, 3) of a turn in the frame of its start; the identity where no accelerometer measured a tilt.
 
-    up (3,): the vertical in that frame, or None. tilt (3,) rad, as measured; tilt_var: the known part of its variance.
+    up (3,): unit vector of the vertical in that frame, or None without an accelerometer.
+    tilt (3,): measured tilt as a rotation vector, rad.
+    tilt_var: known part of its variance, rad² per axis.
     """
 
     attitude: Floats
@@ -51,7 +57,7 @@ class End:
     def covariance(self, of: Replacement) -> Floats:
         """Covariance (3, 3), rad², of the end attitude's error, in the frame of the turn's start.
 
-        of: size of the re-placement error.
+        of: size of the re-placement error, rad.
         """
         if self.up is None:
             return of.std**2 * np.eye(3)
@@ -60,9 +66,11 @@ class End:
 
 
 def estimate(ends: Sequence[End], residual: Floats, known: Floats) -> Replacement:
-    """Estimate the re-placement error from the residuals (3, 3) of three turns, rad.
+    """Estimate the re-placement error (rad per axis) from the closure residuals of three turns.
 
-    known (3, 3, 3): covariance of the residuals without the re-placement error.
+    ends: measured end attitudes.
+    residual (3, 3): closure errors as rotation vectors, rad, one row per turn.
+    known (3, 3, 3): covariance of each residual without the re-placement error, rad².
     """
     ups = [end.up for end in ends]
     if any(up is None for up in ups):

@@ -25,7 +25,7 @@ SCALE_STD = 0.02
 
 
 class NotConverged(Exception):
-    """No bias and scale factors close the three turns; `reason` says why."""
+    """Raised when no bias and scale factors close the three turns; `reason` is the text for users."""
 
     def __init__(self, reason: Sentence) -> None:
         super().__init__(reason)
@@ -34,14 +34,18 @@ class NotConverged(Exception):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Result:
-    """Outcome of a calibration: corrected = matrix (reading - bias).
+    """Outcome of a calibration, with corrected rate = matrix (reading - bias) in rad/s.
 
-    matrix (3, 3); bias (3,) rad/s; covariance (p, p) of `parameters`; noise_std (3,) rad/s of one reading. bias_time:
-    device time at which the bias held. repeat: axes of the turns to repeat. accelerometer: calibrated by the same
-    recording's rests; None without an accelerometer, and live, where the rests of the whole boot calibrate it.
-    The first six parameters are always the bias and the diagonal of the matrix. A full matrix has its off-diagonal
-    elements after these. A result without an estimate (repeat or refused before a method could run) has the identity as
-    matrix and an infinite covariance.
+    matrix (3, 3), no unit; bias (3,) rad/s; both in sensor axes.
+    covariance (p, p): of `parameters`, bias in rad/s and matrix elements without unit.
+    noise_std (3,): standard deviation of one reading, rad/s.
+    bias_time: device time to which the bias refers, s.
+    repeat: axes (0 to 2) of the turns to repeat.
+    accelerometer: calibration from the rests of the same recording. None without an accelerometer, and None live, where
+        the rests of the whole boot calibrate it.
+    The first six parameters are always the bias and the diagonal of the matrix. A full matrix adds its off-diagonal
+    elements.
+    A result without an estimate has the identity as matrix and an infinite covariance.
     """
 
     method: str
@@ -59,12 +63,15 @@ class Result:
 
     @property
     def scale(self) -> Floats:
-        """Scale factors (3,): the diagonal of the matrix."""
+        """Scale factors (3,), no unit: the diagonal of the matrix."""
         return np.diag(self.matrix).copy()
 
     @property
     def information_bits(self) -> Floats:
-        """Information (p,) gained on each parameter, in bits: halvings of its prior standard deviation, see PriorKnobs."""
+        """Information (p,) gained on each parameter, bits: how often its prior standard deviation was halved.
+
+        PriorKnobs gives the prior.
+        """
         prior = PriorKnobs()
         of = {"bias": prior.bias_std, "k": prior.scale_std, "m": prior.misalignment_std}
         before = np.array([of[name.split("_")[0]] for name in self.parameters])
@@ -78,7 +85,7 @@ class Result:
 
 
 def nothing(method: str, verdict: Verdict, reason: Sentences, repeat: tuple[int, ...] = ()) -> Result:
-    """Return the result of a calibration without an estimate: identity matrix, zero bias, infinite covariance.
+    """Build the result of a calibration without an estimate: identity matrix, zero bias, infinite covariance.
 
     repeat: axes (0 to 2) of the turns to repeat.
     """
@@ -87,9 +94,10 @@ def nothing(method: str, verdict: Verdict, reason: Sentences, repeat: tuple[int,
 
 
 def turn_report(turn: TurnCapture, matrix: Floats, bias: Floats) -> Turn:
-    """Report one turn under a calibration: angle about its axis (rad, signed), closure error (rad) and duration (s).
+    """Report one turn under a calibration: signed angle about its axis (rad), closure error (rad) and duration (s).
 
     matrix (3, 3) and bias (3,) rad/s: corrected = matrix (reading - bias).
+    The closure error is the angle between start and end attitude.
     """
     dt = rotation.intervals(turn.samples.time)
     rate = (turn.samples.gyro - bias) @ matrix.T
@@ -112,12 +120,17 @@ def judge(
     bias_time: float | None = None,
     note: Sentences = (),
 ) -> Result:
-    """Put a verdict on a diagonal calibration: scale factors k (3,) and bias (3,) rad/s with covariance (6, 6).
+    """Give a verdict on a diagonal calibration: scale factors k (3,) and bias (3,) rad/s with covariance (6, 6).
 
-    closure: rad, largest closure error of a turn. turn_bias (3, 3) rad/s: bias during each turn, by default the one
-    bias. unclosed (3,) rad: closure error of each turn; by default computed from the turn's path. bias_time: device
-    time, s, at which the bias held, by default the middle of the first rest. note: added to the reason for accepting.
-    method: name for the result. Order of the covariance: bias, k.
+    method: name for the result.
+    covariance (6, 6): in the order bias (rad/s), k (no unit).
+    closure: largest accepted closure error of a turn, rad.
+    turn_bias (3, 3): bias during each turn, rad/s; by default `bias` in all turns.
+    unclosed (3,): closure error of each turn, rad; by default computed from the turn's path.
+    bias_time: device time to which the bias refers, s; by default the middle of the first rest.
+    note: added to the reason of an accepted result.
+    Verdict REFUSED: implausible scale factors. REPEAT: a turn did not close, or a scale factor is uncertain by 0.02 or
+    more.
     """
     turn_bias = np.tile(bias, (3, 1)) if turn_bias is None else turn_bias
     matrix, noise_std = np.diag(k), reading_std(capture.rest.std)
@@ -146,9 +159,9 @@ def judge(
 
 
 def unbelievable(k: Floats) -> tuple[tuple[int, ...], Sentences] | None:
-    """Axes whose scale factors k (3,) are outside the accepted range, and the reason with its likely cause.
+    """Axes whose scale factor is outside 0.7 to 1.4, and the reason text with its likely cause; None when all are inside.
 
-    None when all are inside.
+    k (3,): scale factors, no unit.
     """
     outside = tuple(axis for axis in range(3) if not K_MIN <= k[axis] <= K_MAX)
     if not outside:
@@ -157,9 +170,11 @@ def unbelievable(k: Floats) -> tuple[tuple[int, ...], Sentences] | None:
 
 
 def concluded(k: Floats, reason: Sentences, *objections: Objection | None) -> Objection:
-    """Verdict on a fit, axes to repeat, and the reason: an unbelievable scale, else the first objection, else accepted.
+    """Verdict on a fit, axes to repeat, and reason text.
 
-    k (3,): scale factors. reason: for accepting.
+    k (3,): scale factors; values outside 0.7 to 1.4 give REFUSED.
+    reason: text for an accepted fit.
+    objections: checks in order of priority; None for a passed check. The first one that is not None decides.
     """
     if (outside := unbelievable(k)) is not None:
         return Verdict.REFUSED, *outside
@@ -167,10 +182,12 @@ def concluded(k: Floats, reason: Sentences, *objections: Objection | None) -> Ob
 
 
 def unlikely(k: Floats, limit: float) -> tuple[tuple[int, ...], Sentences] | None:
-    """Axes whose turn was probably not a full turn, as its scale factor k (3,) is too far from 1, and the reason text.
+    """Axes whose turn was probably not a full turn, since the scale factor is too far from 1, and the reason text.
 
-    limit: largest plausible relative difference from 1. None when there are no such axes. A deviation that all axes
-    share is no turn's fault: it comes from a library's sensitivity or a sample rate.
+    k (3,): scale factors.
+    limit: largest plausible relative difference from 1.
+    Returns None when there are no such axes. A deviation that all axes share does not count: a library's sensitivity or
+    a wrong sample rate causes it.
     """
     common = float(np.median(k))
     off = np.where(np.abs(k - 1) < np.abs(k / common - 1), k, k / common)

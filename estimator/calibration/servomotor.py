@@ -1,18 +1,22 @@
 """Calibration with one servo that turns at a known rate about a fixed axis, in several mountings of the device.
 
-Source: the method of the paper's own group, its "[servomotor]": Y. Li, L. Wang, Z. Wang, X. Li, S. W. Su, arXiv
-2405.03393 and 2410.19571, with one change. In the source the servo's axis is vertical and its direction in the sensor
-is measured gravity u: u . K (m - b) = w. An accelerometer offset of 90 mg turns u by 5° and more, and makes k 1 to 3 %
-too large. But the gyro itself shows the axis: the rate has its direction. So |K (m - b)| = w, and no accelerometer is
-needed. Letters:
+Source: Y. Li, L. Wang, Z. Wang, X. Li, S. W. Su, arXiv 2405.03393 and 2410.19571; method "[servomotor]" in Wang et al.
+2024, with one change:
 
-    m_i   mean reading while turning at the known rate w;   g_i = K (m_i - b),  K = diag(k),  u_i = g_i / |g_i|
-    y_j   mean reading of rest j;   b  the bias in the last rest
-    f     residuals |g_i| - w and y_j - b;   F  their derivatives by (b, k);   C  their covariance: noise of the readings,
-          bias wander, the servo's rate, and misalignment E, which is assumed to be zero: |g_i| = w (1 - u_i . E u_i)
+    source        u . K (m - b) = w      the servo's axis is vertical, and measured gravity gives its direction u
+    this module   |K (m - b)| = w        the gyro itself gives the axis; no accelerometer is needed
 
-Gauss-Newton from the solution of the squared equations, which are linear in k². Mountings need not follow the sensor's
-axes.
+In the source, an accelerometer offset of 90 mg turns u by 5° and more, which makes k 1 to 3 % too large. Letters:
+
+    m_i   mean reading (3,) rad/s while the servo turns at the known rate w, rad/s
+    g_i   K (m_i - b), rad/s, with K = diag(k), k (3,) scale factors;   u_i = g_i / |g_i|
+    y_j   mean reading (3,) rad/s of rest j;   b  bias (3,) rad/s in the last rest
+    f     residuals |g_i| - w and y_j - b, rad/s;   F  their derivatives by (b, k);   C  their covariance, (rad/s)²
+
+C includes noise of the readings, bias wander, errors of the servo's rate, and axis misalignment E. The model sets E to
+zero, although |g_i| = w (1 - u_i . E u_i).
+The solver is Gauss-Newton, started from the squared equations, which are linear in k². The mountings need not follow
+the sensor's axes.
 """
 
 from collections.abc import Sequence
@@ -51,11 +55,12 @@ class _Evidence:
 
 
 def by_servomotor(samples: Samples, rates: tuple[float, ...], wander: WanderKnobs | None = None) -> Result:
-    """Calibration method `servomotor`: scale factors and bias from a recording on a servo, with a verdict.
+    """Calibration method `servomotor`: scale factors (3,) and bias (3,) rad/s from a recording on a servo, with a verdict.
 
-    rates: the servo's one rate in rad/s, in either direction; any other number of rates is refused. wander: prior of
-    the device's bias wander, by default that of the generic model. Verdict REPEAT without a rest, or with fewer than
-    three suitable mountings.
+    rates: the servo's one rate, rad/s, used in either direction.
+    wander: prior of the device's bias wander; by default that of the generic model.
+    Verdict REFUSED for any other number of rates, for implausible scale factors, or for a large misfit.
+    Verdict REPEAT without a rest, with fewer than three suitable mountings, or for uncertain scale factors.
     """
     wander = wander or WanderKnobs()
     if len(rates) != 1:

@@ -1,4 +1,4 @@
-"""Live calibration session: samples and windows in; recognised rests and turns, and at the end a Result, out."""
+"""Live calibration session: takes samples and windows, reports recognised rests and turns, and ends with a Result."""
 
 from dataclasses import replace
 from math import degrees, inf
@@ -31,10 +31,13 @@ PAUSE_S = 0.8
 class CalibrationSession:
     """Live calibration by hand: collects rests and turns, in any order of axes, until each axis has a full turn.
 
-    A method by movements is also tried after movements that are no full turn, and finishes as soon as they determine a
+    A method by movements is also tried after movements that are no full turn. It finishes as soon as they determine a
     full matrix.
-    gyro_range: full-scale range, rad/s, infinite when unknown. horizontal: see `recognise`. scale_limit: see `unlikely`.
-    whole: the method does not run live, only in `unfinished` at the end of a recording.
+    method: a key of METHODS.
+    gyro_range: full-scale range, rad/s; infinite when unknown.
+    horizontal: True to accept only turns about a horizontal axis, where an accelerometer shows the horizon.
+    scale_limit: largest plausible relative difference of a scale factor from 1, see `unlikely`.
+    whole: True to run the method only in `unfinished`, at the end of a recording.
     """
 
     def __init__(
@@ -68,16 +71,17 @@ class CalibrationSession:
         return self._stages.still_s
 
     def take(self, rows: Floats) -> None:
-        """Store the samples of one or more windows: rows (n, 9), columns of samples/sample_buffer.py.
+        """Store the samples of one or more windows: rows (n, 9). Call `judge` for each window afterwards.
 
-        Then call `judge` for each window.
+        Columns: device time (s), gyro (3, rad/s), accelerometer (3, m/s²), clipped (0 or 1), temperature (°C).
         """
         self._history.take(rows)
 
     def judge(self, begun: float, ended: float, *, still: bool) -> list[Progress]:
-        """Judge the next window by its begin and end in device time, s; return the events it completes, possibly none.
+        """Process the next window and return the events that it completes, possibly none.
 
-        still: whether the window was judged still.
+        begun, ended: start and end of the window, device time in s.
+        still: True if the stillness detector judged the window still.
         """
         settled = self._stages.take(begun, ended, still=still)
         if settled is None:
@@ -101,7 +105,7 @@ class CalibrationSession:
         return progress
 
     def expire(self, now: float) -> tuple[int, ...]:
-        """Drop the turns that are too old at device time `now`, s, and return their axes."""
+        """Drop the turns that ended 600 s or more before device time `now`, s, and return their axes (0 to 2)."""
         if not self.turns:
             return ()
         old = tuple(axis for axis in self.done() if now - self.turns[axis].samples.time[-1] >= STALE_S)
@@ -119,14 +123,14 @@ class CalibrationSession:
 
     @property
     def movements(self) -> tuple[Movement, ...]:
-        """All movements kept between rests, full turns or not, in the order of time."""
+        """Movements kept between rests, full turns or not, in the order of time."""
         return tuple(self._movements.kept)
 
     def unfinished(self) -> Result:
-        """Result at the end of the input, where the session did not finish.
+        """Build the result at the end of the input, where the session did not finish.
 
-        A method by movements is fitted to the movements there are. Any other gives REPEAT: the missing turns and the
-        latest reason.
+        A method by movements is fitted to the movements so far. Any other method gives REPEAT, with the missing turns
+        and the latest reason.
         """
         if self._by_movements:
             return self._checked(self._capture()) if self.movements else self._without_movements()
@@ -237,5 +241,8 @@ class CalibrationSession:
 
 
 def too_old(axes: tuple[int, ...]) -> Sentence:
-    """Reason text that the turns about these axes are too old to be combined with new ones."""
+    """Reason text that turns are too old to be combined with new ones.
+
+    axes: axes (0 to 2) of these turns.
+    """
     return Code.TURN_TOO_OLD(axes=axis_names(axes), most_minutes=f"{STALE_S / 60:.0f}")

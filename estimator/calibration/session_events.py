@@ -1,4 +1,4 @@
-"""Events of a calibration session, in the order in which they occur."""
+"""Events that a calibration session reports, listed in the order in which they occur."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -11,7 +11,7 @@ from estimator.calibration.turn_recognition import NoTurn
 
 @dataclass(frozen=True, slots=True)
 class RestFound:
-    """Event: a rest has become long enough to measure the bias; the rest may still continue."""
+    """Event: a rest is now long enough to measure the bias, and may still continue."""
 
     rest: Rest
 
@@ -20,7 +20,8 @@ class RestFound:
 class TurnFound:
     """Event: a movement was recognised as a full turn about an axis.
 
-    dropped: turns about other axes that no longer count, with the reason. missing: axes (0 to 2) without a turn.
+    dropped: reason by axis (0 to 2), for turns about other axes that no longer count.
+    missing: axes (0 to 2) without a turn.
     """
 
     turn: TurnCapture

@@ -1,4 +1,4 @@
-"""Stages of a calibration session from judged windows alone: rests, and the movements between them."""
+"""Rests of a calibration session, and the movements between them, found from windows judged still or moving."""
 
 from dataclasses import dataclass
 from math import radians
@@ -34,9 +34,10 @@ _PIECE_S = 0.25
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Settled:
-    """Event: stillness has become long enough for a rest. `before` is the rest before it, None when there was none.
+    """Event: stillness has become long enough for a rest (`after`).
 
-    pause_s: longest stillness, s, between the two rests that was too short for a rest.
+    before: the rest before it; None when there was none.
+    pause_s: longest stillness between the two rests that was too short for a rest, s.
     """
 
     before: Rest | None
@@ -45,9 +46,11 @@ class Settled:
 
 
 class Stages:
-    """Finds the rests of a session and the movements between them: windows in, one Settled event per rest out.
+    """Finder of the rests of a session and the movements between them: windows in, one Settled event per rest out.
 
-    `history` must hold the stream since the current rest began, or the latest part of it.
+    history: buffer that holds the stream since the current rest began, or the latest part of it.
+    still_s: seconds for which the device has been still; 0 while it moves.
+    not_gravity: accelerometer magnitude in the latest rest, m/s², if implausible as gravity; else 0.
     """
 
     def __init__(self, history: History) -> None:
@@ -62,9 +65,10 @@ class Stages:
         self.not_gravity = 0.0
 
     def take(self, begun: float, ended: float, *, still: bool) -> Settled | None:
-        """Process the next window, device time `begun` to `ended`, s; return a rest that becomes long enough, or None.
+        """Process the next window; return Settled when stillness becomes a rest, at 2 s, else None.
 
-        still: whether the window was judged still.
+        begun, ended: start and end of the window, device time in s.
+        still: True if the stillness detector judged the window still.
         """
         if not still:
             if self._still_since is not None:
@@ -107,17 +111,21 @@ class Stages:
         return Rest(start, end, mean, std, step, len(still), accel, accel_std, wander=wander(still.gyro, step))
 
     def movement(self, before: Rest, after: Rest) -> Movement:
-        """Movement between two rests, with its samples and `margin_s` of either rest, at most half of that rest."""
+        """Build the movement between two rests, with its samples and up to 0.4 s of either rest.
+
+        At most half of a rest is included.
+        """
         lead = min(_MARGIN_S, (before.end - before.start) / 2)
         tail = min(_MARGIN_S, (after.end - after.start) / 2)
         return Movement(before, after, self._history.between(before.end - lead, after.start + tail))
 
 
 def without_creep(still: Samples, *, goes_on: bool = False) -> Samples:
-    """Cut off slow movement at either end of a rest, as when a hand lets go of the device or takes hold of it.
+    """Remove slow movement at either end of a rest, as when a hand lets go of the device or takes hold of it.
 
-    Each piece is compared with the calm half of the rest: the middle, or the latest half for a rest that still
-    continues (goes_on).
+    goes_on: True for a rest that still continues.
+    Pieces of 0.25 s are compared with the calm part of the rest. That is the middle half, or the latest half for a rest
+    that still continues. At most 1.5 s is removed at each end.
     """
     size = max(2, int(np.searchsorted(still.time - still.time[0], _PIECE_S)))
     count = len(still) // size
@@ -137,11 +145,11 @@ def without_creep(still: Samples, *, goes_on: bool = False) -> Samples:
 
 
 def wander(gyro: Floats, step: Floats) -> Floats:
-    """Error (3,) rad/s of the mean of a rest (n, 3) from wandering beyond white noise; mostly 0.
+    """Standard deviation (3,), rad/s, of the mean of a rest from bias wander beyond white noise; 0 in most rests.
 
-    step (3,): rounding step of its readings, rad/s.
-    Estimated from the scatter of eight piece means about a straight line: a bias that drifts with warming does not
-    count as wandering. White noise is mistaken for wandering once in 1e4.
+    gyro (n, 3): readings of the rest, rad/s. step (3,): their rounding step, rad/s.
+    Method: the scatter of eight piece means about a straight line. A bias that drifts linearly while warming up does
+    not count as wander. White noise is mistaken for wander once in 1e4 rests.
     """
     pieces = gyro[: len(gyro) // 8 * 8].reshape(8, -1, 3)
     n = pieces.shape[1]

@@ -1,9 +1,10 @@
 """Calibration of the full 3x3 gyro matrix from gravity before and after every movement, where the poses allow it.
 
-Full turns alone determine only the diagonal: the second half of a turn undoes a misalignment's effect in the first.
-Movements between different poses show the misalignment. How well depends on geometry, and the standard deviations tell.
-Where one off-diagonal element stays too uncertain, all of them are left at zero. The diagonal then stands alone, with a
-standard deviation that includes the unknown elements.
+Full turns alone determine only the diagonal: the second half of a turn cancels a misalignment's effect in the first.
+Movements between different poses determine the misalignment. The accuracy depends on the poses and is part of the
+covariance.
+Where one off-diagonal element stays too uncertain, all of them are set to zero. The standard deviation of the diagonal
+then includes the unknown elements.
 """
 
 from dataclasses import dataclass, replace
@@ -40,15 +41,17 @@ CONDITION = 100.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fit:
-    """Fit of bias, matrix and accelerometer errors: theta (21,), ordered as gravity_propagation.PARAMETERS.
+    """Fit of bias, matrix and accelerometer errors: theta (21,), in the order of gravity_propagation.PARAMETERS.
 
-    covariance (21, 21) of theta, with error sizes estimated from the residuals.
-
-    misfit: chi-square of gravity and heading over degrees of freedom, for the assumed error sizes. condition: condition
-    number of the data's information on M. angles (m,): rad by which each movement missed. ratio (m,): the same in
-    standard deviations.
-    full: whether the off-diagonal elements are used. left_out: number of contradicting movements.
-    unknown: off-diagonal elements that the poses did not determine, worst first, with their standard deviations.
+    Units of theta: bias rad/s, matrix no unit, accelerometer bias m/s², scale and shear relative (rad).
+    covariance (21, 21): of theta, with error sizes estimated from the residuals.
+    misfit: chi-square of gravity and heading over degrees of freedom, for the assumed error sizes.
+    condition: condition number of the data's information on M.
+    angles (m,): angle between propagated and measured gravity of each movement, rad.
+    ratio (m,): the same in standard deviations.
+    full: True if the off-diagonal elements are used.
+    left_out: number of movements left out because they contradict the others.
+    unknown: name and standard deviation (rad) of off-diagonal elements that the poses did not determine, worst first.
     """
 
     theta: Floats
@@ -63,7 +66,7 @@ class Fit:
 
     @property
     def matrix(self) -> Floats:
-        """Gyro matrix M (3, 3), rate = M (reading - bias); its off-diagonal elements are 0 unless the fit is `full`."""
+        """Gyro matrix M (3, 3), no unit: rate = M (reading - bias). Its off-diagonal elements are 0 unless the fit is `full`."""
         M = matrix_of(self.theta[3:12])
         return M if self.full else np.diag(np.diag(M))
 
@@ -71,7 +74,7 @@ class Fit:
 def fit(data: Transitions, knobs: TransitionKnobs | None = None) -> Fit:
     """Fit bias (rad/s), 3x3 gyro matrix and accelerometer errors to all movements by weighted least squares.
 
-    Units and order of the 21 parameters: gravity_propagation.PARAMETERS.
+    data: rests and movements. knobs: assumed error sizes and priors.
     Raises LinAlgError when the movements do not determine the parameters.
     """
     knobs = knobs or TransitionKnobs()
@@ -107,9 +110,10 @@ def _condition(J: Floats) -> float:
 
 
 def estimate(data: Transitions, knobs: TransitionKnobs | None = None) -> Fit:
-    """Fit the full matrix if the movements determine every element well enough, else the diagonal (`Fit.full`).
+    """Fit the full matrix if the movements determine every element well enough, else the diagonal (`Fit.full` is False).
 
-    Movements that contradict the others are left out, at most one in five. Raises LinAlgError as `fit` does.
+    Movements that contradict the others are left out, at most one in five.
+    Raises LinAlgError when the movements do not determine the parameters.
     """
     knobs = knobs or TransitionKnobs()
     found, kept = fit(data, knobs), list(range(len(data.links)))
@@ -123,9 +127,10 @@ def estimate(data: Transitions, knobs: TransitionKnobs | None = None) -> Fit:
 
 
 def by_transitions(capture: Capture) -> Result:
-    """Calibration method `transitions`: bias and full matrix, or its diagonal, from all movements of a capture.
+    """Calibration method `transitions`: bias (3,) rad/s and full matrix (3, 3), or its diagonal, from all movements.
 
-    Verdict REFUSED, without an estimate, when the movements do not determine the parameters.
+    Verdict REFUSED, without an estimate, when the movements do not determine the parameters. Other verdicts: see
+    `judge_fit`.
     """
     data = collect(capture.movements)
     try:
@@ -136,9 +141,12 @@ def by_transitions(capture: Capture) -> Result:
 
 
 def judge_fit(capture: Capture, data: Transitions, found: Fit) -> Result:
-    """Put a verdict on a fit to the movements of a capture, with the reason, as a calibration result.
+    """Give a verdict with a reason on a fit to the movements of a capture, as a calibration result.
 
-    data: the transitions that were fitted. The capture's turns are only reported.
+    data: the rests and movements that were fitted.
+    The result reports the capture's turns, but does not judge them.
+    Verdict REPEAT: a scale factor is uncertain by 2 % or more. REFUSED: wrong axes, implausible scale factors, or a
+    misfit above 4.
     """
     matrix, bias, parameters = found.matrix, found.theta[:3], MATRIX_PARAMETERS if found.full else PARAMETERS
     covariance = found.covariance[: len(parameters), : len(parameters)]

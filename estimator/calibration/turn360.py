@@ -1,25 +1,27 @@
-"""The paper's calibration: three turns of 360 degrees by hand, and an iterative estimate of the attitude.
+"""Calibration by Algorithm 1 of Wang et al. 2024: three 360-degree turns by hand, and an iterative attitude estimate.
 
 Source: L. Wang, R. Duffield, D. Fox, A. Hammond, A. J. Zhang, W. X. Zheng, S. W. Su, "In-field gyroscope
 autocalibration with iterative attitude estimation", Mechatronics 102 (2024) 103232 (arXiv 2103.11097), Algorithm 1.
 
-The paper's letters, and its equations by their numbers in the paper:
+The paper's letters and equation numbers:
 
-    m       reading of the gyro (rad/s)                       T       duration of a turn
-    K       diag(k), scale factors                            C_t     attitude at sample t, from the turn's start
-    b       -mean(m at rest); the bias elsewhere is -b
+    m       reading of the gyro (3,), rad/s                   T       duration of a turn, s
+    K       diag(k), scale factors k (3,), no unit            C_t     attitude at sample t, from the turn's start
+    b       -mean(m at rest), rad/s: minus the bias           dt      sample interval, s
 
-    (1)     g = K (m + b)                                     the calibrated rate
+    (1)     g = K (m + b)                                     the calibrated rate, rad/s
     (2)     b = -mean(m) at rest, so that g = 0
     (4)     R_t = R(g_t dt)                                   Rodrigues' formula
     (5)     C_t = C_(t-1) R_t, C_0 = I                        the product of all R so far
     (6-10)  G = mean over t of C_t g_t = A k                  A = mean over t of C_t diag(m_t + b)
     (11)    | A_i k | = 360 degrees / T_i                     for the three turns i
 
-Algorithm 1: K = I; integrate (5) with it; solve (11) for k, the attitudes held; repeat until |k new - k| <= 1e-5.
+Algorithm 1 starts at K = I and repeats three steps:
 
-The criterion holds for a turn about a fixed axis. With a hand's wobble of 3 degrees its bias is some 1e-3. This file
-keeps the paper's method unchanged.
+    integrate (5) with K;   solve (11) for k with these attitudes;   stop if |k new - k| <= 1e-5
+
+The criterion (11) holds for a turn about a fixed axis. When the hand wobbles by 3 degrees, the scale factors have an
+error of about 1e-3. This file keeps the paper's method unchanged.
 """
 
 from dataclasses import dataclass
@@ -42,7 +44,10 @@ _REPLACEMENT_STD = radians(0.2)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Turn360:
-    """Estimate of Algorithm 1: k (3,), bias (3,) rad/s, covariance (6, 6) in the order bias, k, and the number of iterations."""
+    """Estimate of Algorithm 1: scale factors k (3,), bias (3,) rad/s, their covariance, and the number of iterations.
+
+    covariance (6, 6): in the order bias (rad/s), k (no unit).
+    """
 
     k: Floats
     bias: Floats
@@ -51,9 +56,9 @@ class Turn360:
 
 
 def estimate(capture: Capture) -> Turn360:
-    """Estimate bias (rad/s) and scale factors by Algorithm 1 from one rest and three turns.
+    """Estimate bias (rad/s) and scale factors by Algorithm 1 of Wang et al. 2024 from one rest and three turns.
 
-    Raises NotConverged if the scale factors do not settle, or leave the range 0 to 100.
+    Raises NotConverged if the scale factors do not settle in 50 iterations, or leave the range 0 to 100.
     """
     b = -capture.rest.bias
     K = np.ones(3)
@@ -69,9 +74,10 @@ def estimate(capture: Capture) -> Turn360:
 
 
 def turn_integral(turn: TurnCapture, K: Floats, b: Floats) -> Floats:
-    """S (3, 3) = T A diag(K), rad, of equations (6-10): a factor dK on the rates turns by |S dK|, the attitudes held.
+    """Integral S (3, 3) = T A diag(K), rad, of equations (6-10) for one turn.
 
-    K (3,): scale factors. b (3,) rad/s: the paper's b, minus the bias.
+    If all rates are multiplied by factors dK (3,), the turn has the angle |S dK|, for fixed attitudes.
+    K (3,): scale factors. b (3,): the paper's b, minus the bias, rad/s.
     """
     dt = rotation.intervals(turn.samples.time)
     g = K * (turn.samples.gyro + b)
@@ -81,7 +87,10 @@ def turn_integral(turn: TurnCapture, K: Floats, b: Floats) -> Floats:
 
 
 def solve_criteria(S: list[Floats]) -> Floats:
-    """Factors dK (3,) = k new / k with |S_i dK| = 360 degrees for the three turns: equation (11)."""
+    """Solve equation (11): factors dK (3,) = k new / k with |S_i dK| = 360 degrees for the three turns.
+
+    S: one matrix (3, 3) per turn, rad, result of `turn_integral`. Method: Levenberg-Marquardt.
+    """
     start = np.array([2 * pi / np.linalg.norm(S_i.sum(axis=1)) for S_i in S])
     axes = [int(np.argmax(np.abs(S_i.sum(axis=1)))) for S_i in S]
     guess = np.ones(3)
@@ -101,12 +110,12 @@ def solve_criteria(S: list[Floats]) -> Floats:
 
 
 def covariance(capture: Capture, K: Floats, b: Floats) -> Floats:
-    """First-order covariance (6, 6) of (bias, k).
+    """First-order covariance (6, 6) of bias (rad/s) and scale factors, in this order, for Algorithm 1.
 
-    Noise of the rest and of each turn, and the hand's re-placement error.
-    K (3,): scale factors. b (3,) rad/s: the paper's b, minus the bias.
-    The paper gives no covariance. Each criterion theta_i(k, bias, noise) = 360 degrees is linearised. The criterion
-    does not see the hand's wobble, so the closure error of a turn under K counts as an error of its angle.
+    K (3,): scale factors. b (3,): the paper's b, minus the bias, rad/s.
+    Included errors: noise of the rest and of each turn, and re-placement by the hand.
+    The paper gives no covariance. The method linearises each criterion, angle_i(k, bias, noise) = 360 degrees. The
+    criterion is blind to the hand's wobble, so the closure error of a turn counts as an error of its angle.
     """
     by_k, by_bias, noise_var = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3)
     for i, turn in enumerate(capture.turns):

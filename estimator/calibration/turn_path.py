@@ -1,7 +1,8 @@
-"""Rotation path of a gyro between two rests, with the sensitivity of its end to the gyro's parameters.
+"""Rotation path of a gyro between two rests, with the sensitivity of its end attitude to the gyro's parameters.
 
-A small error of the rates, delta(t) in the device's axes, moves the end attitude R to exp(phi) R, where
-phi = sum C delta dt. C is the attitude in the middle of each sample's interval; it takes the error to the frame of the start.
+A small rate error delta(t) (rad/s), in sensor axes, moves the end attitude R to exp(phi) R. The rotation phi is sum C
+delta dt (rad). C is the attitude in the middle of each sample interval dt (s). It rotates the error into the frame of
+the start.
 """
 
 from dataclasses import dataclass
@@ -14,13 +15,16 @@ from estimator.geometry import rotation
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Path:
-    """Path of a movement: end (3, 3) takes vectors from axes of the last attitude to axes of the first.
+    """Path of a movement: end attitude (3, 3), and its sensitivity to the gyro's parameters.
 
-    phi, rad: small rotation of the end by an error of the gyro's parameters, in axes of the first attitude. by_matrix
-    (3, 3, 3): phi per element of the matrix. by_bias (3, 3): phi per rad/s of bias. noise (3, 3), rad²: covariance of
-    phi from the readings' white noise. way: rad turned in total, in both directions. seconds: duration. coning: rad by
-    which the axis of rotation moved within the samples' intervals, summed without sign; a part of it is the error from
-    unknown motion between samples.
+    end (3, 3): rotates vectors from the device axes at the end into those at the start.
+    Sensitivities are of phi, a small rotation of the end in the start frame, rad.
+    by_matrix (3, 3, 3): phi per element of the matrix, rad.
+    by_bias (3, 3): phi per rad/s of bias, s.
+    noise (3, 3): covariance of phi from the white noise of the readings, rad².
+    way: total angle turned, in both directions, rad. seconds: duration, s.
+    coning: movement of the rotation axis within the sample intervals, summed without sign, rad. A part of it is the
+        error from unknown motion between samples.
     """
 
     end: Floats
@@ -33,9 +37,10 @@ class Path:
 
 
 def integrate(samples: Samples, matrix: Floats, bias: Floats, noise_std: Floats) -> Path:
-    """Integrate the samples of a movement into a rotation path, with its sensitivities and noise.
+    """Integrate the gyro samples of a movement into a rotation path, with its sensitivities and noise.
 
-    matrix (3, 3), bias (3,) rad/s: the calibration. noise_std (3,) rad/s: white noise of one reading.
+    matrix (3, 3), bias (3,) rad/s: the calibration, rate = matrix (reading - bias).
+    noise_std (3,): standard deviation of the white noise of one reading, rad/s.
     """
     dt = rotation.intervals(samples.time)
     reading = samples.gyro - bias

@@ -1,4 +1,4 @@
-"""Recognises a full turn about one device axis, or gives the reason why a movement is not one."""
+"""Recognition of a full turn about one device axis, with the reason where a movement is not a full turn."""
 
 from dataclasses import dataclass
 from math import degrees, radians
@@ -32,9 +32,10 @@ NUDGE = radians(30.0)
 
 @dataclass(frozen=True, slots=True)
 class NoTurn:
-    """A movement that was not a full turn, with the reason; `attempt` is true if it was probably meant as one.
+    """Movement that was not a full turn, with the reason.
 
-    unit_axis: axis of a movement that would be a full turn if the readings were in other units, else None.
+    attempt: True if the movement was probably meant as a turn.
+    unit_axis: axis (0 to 2) of a movement that would be a full turn if the readings were in another unit, else None.
     """
 
     reason: Sentences
@@ -45,8 +46,8 @@ class NoTurn:
 def recognise(movement: Movement, gyro_range: float, *, horizontal: bool) -> TurnCapture | NoTurn:
     """Recognise a movement as a full turn, or give the reason why it is not one.
 
-    gyro_range: rad/s, infinite when unknown. horizontal: whether only turns about a horizontal axis count, where an
-    accelerometer shows the horizon.
+    gyro_range: full-scale range, rad/s; infinite when unknown.
+    horizontal: True to accept only turns about a horizontal axis, where an accelerometer shows the horizon.
     """
     samples = movement.samples
     dt = rotation.intervals(samples.time)
@@ -88,9 +89,9 @@ def recognise(movement: Movement, gyro_range: float, *, horizontal: bool) -> Tur
 
 
 def rough_scale(turns: tuple[TurnCapture, ...]) -> Floats:
-    """Scale factors (3,) under which each turn's readings about its own axis add up to 360 degrees.
+    """Scale factors (3,) under which each turn's readings about its own axis integrate to 360 degrees.
 
-    Accurate to a percent for a turn by hand.
+    The error is about 1 % for a turn by hand. An axis without a turn has 1.
     """
     k = np.ones(3)
     for turn in turns:
@@ -111,7 +112,7 @@ def _half(is_so: bool) -> Sentences:  # noqa: FBT001 - a sentence or none
 
 
 def same_bias(a: Rest, b: Rest) -> bool:
-    """Return whether two rests show the same bias on every axis, within their noise (5 sigma) and 0.2 °/s."""
+    """Return True if two rests show the same bias on every axis, within their noise (5 sigma) plus 0.2 °/s."""
     noise = 5 * np.sqrt(np.diag(a.bias_cov + b.bias_cov))
     return bool(np.all(np.abs(a.bias - b.bias) < _BIAS_STEP + noise))
 

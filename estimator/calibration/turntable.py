@@ -1,13 +1,19 @@
-"""Six-rate calibration on a turntable: known rates, in both directions, about each axis in turn; linear least squares.
+"""Turntable calibration by known rates in both directions about each axis in turn; linear least squares.
 
-Source: IEEE Std 952, the rate test of a triad, as in the paper's comparison (Wang et al. 2024). Letters:
+Source: IEEE Std 952, the rate test of a triad; the six-rate comparison method in Wang et al. 2024. Letters:
 
-    s_i   true rate of plateau i: the known rate about the axis that reads most, with the reading's sign; 0 for a rest
-    m_i   mean reading;   s_i = M m_i - c,  c = M b:  linear in M (9) and c (3);  b is the bias in the last rest
-    C     covariance of the equations: noise of the readings, bias wander (so that least squares interpolates the bias
-          between rests), the table's rate, and the squareness of the device's fixing, the same for all of one fixing
+    s_i   true rate (3,) rad/s of plateau i: the known rate about the axis that reads most, with the reading's sign;
+          0 for a rest
+    m_i   mean reading (3,) rad/s
+    M, b  gyro matrix (3, 3), no unit, and bias (3,) rad/s in the last rest
+    c     M b, rad/s: s_i = M m_i - c is linear in M (9 elements) and c (3)
+    C     covariance of the equations, (rad/s)²
 
-The matrix refers to the fixture's axes: if the device is fixed askew, the matrix contains its case's misalignment.
+C has four parts: noise of the readings, bias wander, errors of the table's rate, and the angle of the device's fixing.
+The angle is the same for all plateaus of one fixing. Through the bias wander, least squares interpolates the bias
+between rests.
+The matrix refers to the axes of the fixture. If the device is not square in its fixture, the matrix includes that
+misalignment.
 """
 
 from collections.abc import Sequence
@@ -35,11 +41,12 @@ _OFF_AXIS = radians(20.0)
 
 
 def by_turntable(samples: Samples, rates: tuple[float, ...], wander: WanderKnobs | None = None) -> Result:
-    """Calibration method `turntable`: full matrix and bias from a recording on a turntable, with a verdict.
+    """Calibration method `turntable`: matrix (3, 3) and bias (3,) rad/s from a recording on a turntable, with verdict.
 
-    rates: known rates in rad/s, each used in both directions. wander: prior of the device's bias wander, by default
-    that of the generic model. Verdict REPEAT when an axis was not turned in both directions, REFUSED when a given rate
-    is not found.
+    rates: known rates, rad/s, each used in both directions.
+    wander: prior of the device's bias wander; by default that of the generic model.
+    Verdict REPEAT: an axis was not turned in both directions.
+    Verdict REFUSED: a given rate is not found, scale factors are implausible, or the misfit is above 4.
     """
     wander = wander or WanderKnobs()
     rests, turned, others = split(plateaus(samples), rates)

@@ -1,9 +1,11 @@
 """Variance components: size of each kind of error in a session, estimated from the session's own residuals.
 
-The residuals r have the covariance C = C0 + sum of s_i² C_i. C0 is measured noise; C_i is the covariance assumed for
-error kind i. Source: restricted likelihood by Fisher scoring, D. A. Harville, J. Am. Stat. Assoc. 72 (1977) 320. The
-unknowns are log s_i, with a weak prior that matters only where the residuals say little. The result is the posterior
-mean of s_i². It is larger than the most likely value where few residuals determine it, as in Student's distribution.
+The residuals r have the covariance C = C0 + sum of s_i² C_i. C0 is measured noise. C_i is the covariance assumed for
+error kind i, and s_i (no unit) its scale.
+Method: restricted likelihood by Fisher scoring, D. A. Harville, J. Am. Stat. Assoc. 72 (1977) 320. The unknowns are log
+s_i, with a weak prior that matters only where the residuals carry little information.
+The result is the posterior mean of s_i². It exceeds the most likely value where few residuals determine it, as in
+Student's distribution.
 """
 
 from dataclasses import dataclass
@@ -23,9 +25,10 @@ _AROUND = np.linspace(-4.0, 3.0, 29)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Linear:
-    """Linear model: r (n,) residuals, J (n, p) their slopes by the parameters, C0 `noise` (n, n), C_i `parts` (c, n, n).
+    """Linear model of residuals r (n,) with derivatives J (n, p) by the parameters, and covariance C0 + sum of s_i² C_i.
 
-    information (p, p) and gradient (p,): J'J and J'r of further residuals of variance 1, such as priors.
+    noise (n, n): C0. parts (c, n, n): C_i of the c error kinds. Units are the squares of the residuals' units.
+    information (p, p), gradient (p,): J'J and J'r of further residuals of variance 1, such as priors.
     """
 
     r: Floats
@@ -36,7 +39,7 @@ class Linear:
     gradient: Floats
 
     def log_posterior(self, log_s: Floats) -> float:
-        """Restricted log likelihood of log s (c,) plus its log prior, up to a constant."""
+        """Log posterior of log s (c,), no unit: restricted log likelihood plus log prior, up to a constant."""
         lower = np.linalg.cholesky(self.noise + np.tensordot(np.exp(2 * log_s), self.parts, axes=1))
         white = np.linalg.solve(lower, np.column_stack([self.r, self.J]))
         r, J = white[:, 0], white[:, 1:]
@@ -47,7 +50,7 @@ class Linear:
         return -fit - size - float(np.sum(((log_s - _PRIOR_MEAN) / _PRIOR_STD) ** 2)) / 2
 
     def likeliest(self) -> Floats:
-        """Most likely log s (c,) of the error kinds, by Fisher scoring."""
+        """Most likely log s (c,) of the c error kinds, by Fisher scoring."""
         log_s = _PRIOR_MEAN.copy()
         prior = np.diag(1 / _PRIOR_STD**2)
         for _ in range(_STEPS):
@@ -67,7 +70,7 @@ class Linear:
 
 
 def factors(model: Linear) -> Floats:
-    """Estimate the variance of each error kind relative to the assumed one: posterior means (c,) of s_i².
+    """Estimate the variance (c,) of each error kind relative to the assumed one: posterior means of s_i², no unit.
 
     About 1 where the residuals carry no information on error kind i.
     """

@@ -1,6 +1,6 @@
-"""Figures of devices, noise and recordings. Only this room, `study.figures` and `demo.figure` import matplotlib.
+"""Figures of devices, noise and recordings, drawn with matplotlib.
 
-Begin at `style`.
+Only this package, `study.figures` and `demo.figure` import matplotlib.
 """
 
 from estimator.figures.histories import history

@@ -45,12 +45,13 @@ def history(
     dark: bool = False,
     narrow: bool = False,
 ) -> None:
-    """Draw a device's bias over days, each axis with its 95 % interval, and its temperature where known; writes `path`.
+    """Draw a device's bias (°/s) over days, each axis with its 95 % interval, and its temperature (°C) where known.
 
-    Boots and calibrations are vertical lines; no line leads from one boot to the next. A band far wider than usual, as
-    at a boot's first point, is cut off by the edge of the figure; the label says so.
+    path: image file to write. zone: time zone of the times shown.
     words: False draws only numbers, units and axes, for a page with its own explanation.
-    dark: for a dark page. narrow: for a phone. zone: of the times shown.
+    dark: True for a dark page. narrow: True for a phone.
+    Vertical lines mark boots and calibrations. No line connects one boot to the next. A band far wider than usual, as
+    at a boot's first point, is cut off by the edge of the figure; the label says so.
     """
     warm = any(np.isfinite(boot.temperature_c).any() for boot in of.biases)
     with _COLOURING, mpl.rc_context(_DARK if dark else {}):

@@ -1,4 +1,4 @@
-"""Figure of a device's noise."""
+"""Figure of a device's noise: the Allan deviation of each axis."""
 
 from pathlib import Path
 from typing import Any
@@ -16,9 +16,10 @@ Floats = NDArray[np.float64]
 
 
 def allan(rest: AtRest, title: str, path: Path) -> None:
-    """Draw the Allan deviation of each axis: measured with 95 % interval, fitted model, each noise or its upper limit.
+    """Draw the Allan deviation (°/s) of each axis over the averaging time (s), and write the figure to `path`.
 
-    The Allan deviation is in °/s over the averaging time in s. title: of the figure. path: file to write.
+    Shown: measured values with 95 % interval, fitted model, and each kind of noise or its upper limit.
+    title: title of the figure.
     """
     figure = Figure(figsize=(13, 6), dpi=130)
     figure.suptitle(f"{title}: {rest.duration_s:.0f} s at rest, {rest.rate_hz:.4g} Hz", fontsize=12)

@@ -1,4 +1,4 @@
-"""Figure of a corrected recording."""
+"""Figure of a corrected recording: rates, bias and quality over time."""
 
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -23,9 +23,11 @@ _SHADES = {"NONE": "#b0b0b0", "PRIOR": "#d9c7a0", "BIAS_ONLY": "#cdc6e6", "GOOD"
 
 
 class Bins(NamedTuple):
-    """Binned samples for a plot: first sample of each bin (m,), and points (k,) at time_s, each with its bin `shown` (k,).
+    """Binned samples for a plot: m bins of samples, and k points.
 
-    Each gap adds a point at the last sample before it, and one at NaN, so no line crosses the gap.
+    edges (m,): index of the first sample of each bin.
+    time_s (k,): time of each point, s. shown (k,): bin of each point.
+    Each gap adds a point at the last sample before it, and a point at NaN, so no line crosses the gap.
     """
 
     edges: NDArray[np.int64]
@@ -34,7 +36,10 @@ class Bins(NamedTuple):
 
 
 def binned(time_s: Floats, rate_hz: float) -> Bins:
-    """Divide samples at time_s (n,) into at most _BINS even bins for a plot, with a new bin after each gap."""
+    """Divide samples at time_s (n,), s, into up to 1500 even bins for a plot, with a new bin after each gap.
+
+    rate_hz: sample rate, Hz.
+    """
     gaps = np.flatnonzero(np.diff(time_s) > max(_SEEN * time_s[-1], _STEPS / rate_hz)) + 1
     even = np.linspace(0, len(time_s), min(_BINS, len(time_s)) + 1).astype(int)[:-1]
     edges = np.unique(np.concatenate([even, gaps]))
@@ -47,9 +52,10 @@ def binned(time_s: Floats, rate_hz: float) -> Bins:
 
 
 def corrected(recording: Recording, found: CorrectedRecording, path: Path) -> None:
-    """Draw a corrected recording, one row per axis: raw and corrected rate, bias ± 2 σ; writes `path`.
+    """Draw a corrected recording, one row per axis: raw and corrected rate (°/s), and bias ± 2 σ (°/s).
 
-    The background shows the quality; temperature is below, if recorded.
+    path: image file to write.
+    The background shows the quality. Temperature (°C) is below, if recorded.
     """
     warm = recording.temperature_c
     rows = 3 if warm is None else 4

@@ -1,4 +1,4 @@
-"""Style of all figures of truerate: axes and colours; and saving for publication."""
+"""Style of all figures of truerate: axes and colours, and saving in three formats for publication."""
 
 from pathlib import Path
 

@@ -1,4 +1,1 @@
-"""Gyro model `corrected = matrix (reading - bias)`, rotations on SO(3), and strapdown integration over a span.
-
-Begin at `gyro_model`.
-"""
+"""Gyro model `corrected = matrix (reading - bias)`, rotations on SO(3), and strapdown integration over a span."""

@@ -1,4 +1,4 @@
-"""Gyro model: corrected rate = matrix (reading - bias). The bias is the reading at zero rate."""
+"""Gyro model: corrected rate = matrix (reading - bias), rates in rad/s. The bias is the reading at zero rate."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -17,14 +17,14 @@ COARSE_STEP = radians(0.061)
 
 
 def axis_names(axes: Iterable[int]) -> str:
-    """Axis numbers as names: `x, z`."""
+    """Format axis numbers (0 to 2) as names: `x, z`."""
     return ", ".join(AXES[axis] for axis in axes)
 
 
 def least_step(reading: Floats) -> Floats:
-    """Smallest difference between readings (n, 3) on each axis (3,): the rounding step, in the same unit.
+    """Rounding step (3,) of readings (n, 3), in their unit: the smallest difference between readings on each axis.
 
-    The step is close to zero where readings are not rounded, and COARSE_STEP where they never differ.
+    The step is close to zero where readings are not rounded. It is COARSE_STEP (rad/s) where they never differ.
     """
     ordered = np.sort(reading.T)
     steps = ordered[:, 1:] - ordered[:, :-1]
@@ -35,10 +35,11 @@ def least_step(reading: Floats) -> Floats:
 
 
 def rounding_var(std: Floats, step: Floats) -> Floats:
-    """Variance (3,) that rounding leaves in the mean of readings at rest: step² / 12, or 0 where noise averages it out.
+    """Variance (3,) of the mean of readings at rest from rounding: step² / 12, or 0 where noise averages it out.
 
-    std (3,): standard deviation of a reading. step (3,): rounding step. The variance is in the square of their unit.
-    Noise well below the step leaves the same rounding error in every reading, so averaging does not reduce the error.
+    std (3,): standard deviation of a reading. step (3,): rounding step, in the same unit. The variance is in the square
+        of this unit.
+    Noise below half the step leaves the same rounding error in every reading, so averaging does not reduce the error.
     """
     return np.where(std < step / 2, step**2 / 12, 0.0)
 
@@ -46,15 +47,16 @@ def rounding_var(std: Floats, step: Floats) -> Floats:
 def mean_var(std: Floats, step: Floats, n: float) -> Floats:
     """Variance (3,) of the mean of n readings at rest, from noise and rounding.
 
-    std (3,): standard deviation of a reading. step (3,): rounding step. The variance is in the square of their unit.
+    std (3,): standard deviation of a reading. step (3,): rounding step, in the same unit. The variance is in the square
+        of this unit.
     """
     return std**2 / n + rounding_var(std, step)
 
 
 def reading_std(std: Floats) -> Floats:
-    """Standard deviation (3,) of a reading, rad/s, from the standard deviation (3,) observed at rest, rad/s.
+    """Standard deviation (3,) of one gyro reading, rad/s, from the standard deviation (3,) observed at rest, rad/s.
 
-    A coarse gyro may show no noise at rest. Its readings then have the standard deviation of rounding by COARSE_STEP.
+    A coarse gyro may show no noise at rest. The result is then the standard deviation of rounding by COARSE_STEP.
     """
     if all(axis > 1e-9 for axis in std.tolist()):
         return std
@@ -62,10 +64,11 @@ def reading_std(std: Floats) -> Floats:
 
 
 def corrected(reading: Floats, matrix: Floats, bias: Floats) -> Floats:
-    """Corrected rates (n, 3) rad/s of gyro readings (n, 3) rad/s, in the sensor frame: matrix (reading - bias).
+    """Corrected rates (n, 3) rad/s of gyro readings (n, 3) rad/s, in sensor axes: matrix (reading - bias).
 
-    matrix (3, 3) and bias (3,) apply to all readings; matrix (n, 3, 3) and bias (n, 3) give each reading its own. The
-    result is bit-identical for any number of readings at once, which a matrix product does not guarantee.
+    matrix (3, 3) and bias (3,), rad/s, apply to all readings; matrix (n, 3, 3) and bias (n, 3) give each reading its
+    own.
+    The result is bit-identical for any number of readings at once, which a matrix product does not guarantee.
     """
     off = reading - bias
     return matrix[..., 0] * off[:, 0:1] + matrix[..., 1] * off[:, 1:2] + matrix[..., 2] * off[:, 2:3]
@@ -73,11 +76,12 @@ def corrected(reading: Floats, matrix: Floats, bias: Floats) -> Floats:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GyroModel:
-    """Calibration of a gyro with its uncertainty.
+    """Calibration of a gyro with its uncertainty, in sensor axes.
 
-    matrix (3, 3); bias (3,) rad/s; noise_std (3,) rad/s, standard deviation of one reading.
-    scale_std (3,): relative standard deviation of the diagonal of the matrix. cross_std (3,): relative standard
-    deviation of the off-diagonal elements, one value per row.
+    matrix (3, 3): no unit. bias (3,): rad/s.
+    noise_std (3,): standard deviation of one reading, rad/s.
+    scale_std (3,): relative standard deviation of the diagonal of the matrix.
+    cross_std (3,): relative standard deviation of the off-diagonal elements, one value per row.
     """
 
     matrix: Floats
@@ -87,7 +91,7 @@ class GyroModel:
     noise_std: Floats
 
     def correct(self, reading: Floats) -> Floats:
-        """Corrected rates (n, 3) of readings (n, 3), rad/s, sensor frame."""
+        """Corrected rates (n, 3) of readings (n, 3), rad/s, in sensor axes."""
         return corrected(reading, self.matrix, self.bias)
 
     def corrected_std(self, reading_std: Floats) -> Floats:
@@ -100,7 +104,10 @@ class GyroModel:
 
 @dataclass(frozen=True, slots=True)
 class PriorKnobs:
-    """Prior standard deviations of a gyro not yet calibrated in this boot; noise_std: rad/s, of one reading."""
+    """Prior standard deviations of a gyro not yet calibrated in this boot.
+
+    scale_std: relative. misalignment_std: rad. bias_std: rad/s. noise_std: of one reading, rad/s.
+    """
 
     #: relative, of the datasheet's sensitivity: known library errors reach 0.17
     scale_std: float = 0.15
@@ -114,8 +121,8 @@ class PriorKnobs:
 def repeatability(scales: Sequence[Floats], knobs: PriorKnobs) -> float:
     """Boot-to-boot repeatability of a device's scale factors: relative standard deviation from one boot to the next.
 
-    scales (n, 3): calibrated scale factors of consecutive boots. With n of 0 or 1 the result is the prior scale_std.
-    Source: scale of the scaled inverse χ² posterior of the variance, all axes alike. The prior counts as one
+    scales (n, 3): calibrated scale factors of consecutive boots. With n of 0 or 1 the result is `knobs.scale_std`.
+    Method: scale of the scaled inverse χ² posterior of the variance, the same for all axes. The prior counts as one
     observation (A. Gelman et al., "Bayesian Data Analysis", 3rd ed. (2013), 2.6).
     """
     moved = np.diff(np.log(np.reshape(scales, (-1, 3))), axis=0)
@@ -124,9 +131,9 @@ def repeatability(scales: Sequence[Floats], knobs: PriorKnobs) -> float:
 
 @cache
 def uncalibrated(knobs: PriorKnobs) -> GyroModel:
-    """Prior gyro model from the datasheet: scale 1, bias 0, with the prior standard deviations.
+    """Prior gyro model from the datasheet: scale 1, bias 0 rad/s, with the prior standard deviations.
 
-    The cached result is shared by all callers: do not write to its arrays.
+    All callers share the cached result: do not write to its arrays.
     """
     scale, cross, noise = (np.full(3, std) for std in (knobs.scale_std, knobs.misalignment_std, knobs.noise_std))
     return GyroModel(np.eye(3), np.zeros(3), scale, cross, noise)

@@ -1,6 +1,6 @@
 """Attitude from angular rate: products of rotations on SO(3).
 
-Attitudes are 3x3 matrices. They take body vectors to the frame in which the body started.
+Attitudes are 3x3 matrices. They rotate body vectors into the frame in which the body started.
 Internally a rotation is a unit quaternion w + xi + yj + zk, stored as two complex numbers, w + xi and y + zi. The
 product of two arrays of quaternions then takes four array multiplications.
 """
@@ -22,9 +22,9 @@ _FEW = 128
 
 
 def intervals(time: Floats) -> Floats:
-    """Duration (n,) s of each sample: a sample holds over the interval that ends at it.
+    """Sample intervals (n,), s, of sample times (n,), s: a sample holds over the interval that ends at it.
 
-    The first sample has no interval before it and gets the median duration.
+    The first sample has no interval before it and gets the median interval.
     """
     steps = np.diff(time)
     first = np.median(steps) if len(steps) else 0.0
@@ -32,15 +32,15 @@ def intervals(time: Floats) -> Floats:
 
 
 def attitudes(rate: Floats, dt: Floats) -> Floats:
-    """Attitudes (n + 1, 3, 3) from rates (n, 3) rad/s held for dt (n,) s, starting at the identity.
+    """Attitudes (…, n + 1, 3, 3) from rates (…, n, 3), rad/s, held for dt (…, n), s, starting at the identity.
 
-    Rodrigues products. Further leading axes are independent turns, computed together.
+    Method: products of Rodrigues rotations. Leading axes are independent turns, computed together.
     """
     return chained(rate * dt[..., None])
 
 
 def chained(steps: Floats) -> Floats:
-    """Attitudes (…, n + 1, 3, 3) after 0, 1, 2 … of the steps (…, n, 3): rotation vectors in rad, body axes."""
+    """Attitudes (…, n + 1, 3, 3) after 0, 1, 2 … n rotation steps (…, n, 3): rotation vectors in rad, body axes."""
     result = np.empty((*steps.shape[:-2], steps.shape[-2] + 1, 3, 3))
     result[..., 0, :, :] = np.eye(3)
     many = steps.ndim > 2
@@ -50,11 +50,12 @@ def chained(steps: Floats) -> Floats:
 
 
 def coned(steps: Floats) -> Floats:
-    """Coning correction: steps (…, n, 3) plus the effect of a rate whose direction changes within a step.
+    """Coning correction of rotation steps (…, n, 3), rad: adds the effect of a rotation axis that moves within a step.
 
-    Each step is the mean rate over its interval. The rate is taken as linear over a step and the step before:
-    step + 1/12 (step before) x step. Source: P. G. Savage, "Strapdown inertial navigation integration algorithm design
-    part 1: attitude algorithms", J. Guidance Control Dynamics 21 (1998), the coning algorithm of second order.
+    Each step is the integral of the rate over its interval. The rate is assumed linear over a step and the step before:
+    corrected step = step + 1/12 (step before) x step.
+    Source: P. G. Savage, "Strapdown inertial navigation integration algorithm design part 1: attitude algorithms", J.
+    Guidance Control Dynamics 21 (1998), the coning algorithm of second order.
     """
     result = steps.copy()
     result[..., 1:, :] += np.cross(steps[..., :-1, :], steps[..., 1:, :]) / 12
@@ -62,13 +63,13 @@ def coned(steps: Floats) -> Floats:
 
 
 def log(attitude: Floats) -> Floats:
-    """Rotation vectors (…, 3) of attitudes (…, 3, 3); their length is 0 to pi."""
+    """Rotation vectors (…, 3), rad, of attitudes (…, 3, 3); their length is 0 to pi."""
     vectors: Floats = scipy.spatial.transform.Rotation.from_matrix(attitude.reshape(-1, 3, 3)).as_rotvec()
     return vectors.reshape(attitude.shape[:-1])
 
 
 def cross_matrix(vector: Floats) -> Floats:
-    """Cross-product matrices (…, 3, 3) of vectors (…, 3): the matrix of v times w is v x w."""
+    """Cross-product matrices (…, 3, 3) of vectors (…, 3): the matrix of v times w is v x w. The unit is that of v."""
     crossed = np.zeros((*vector.shape, 3))
     crossed[..., 2, 1], crossed[..., 0, 2], crossed[..., 1, 0] = vector[..., 0], vector[..., 1], vector[..., 2]
     crossed[..., 1, 2], crossed[..., 2, 0], crossed[..., 0, 1] = -vector[..., 0], -vector[..., 1], -vector[..., 2]
@@ -76,7 +77,7 @@ def cross_matrix(vector: Floats) -> Floats:
 
 
 def angle_between(one: Floats, other: Floats) -> float:
-    """Angle in rad between two vectors (3,)."""
+    """Angle between two vectors (3,) of any length, rad, 0 to pi."""
     (a, b, c), (x, y, z) = one.tolist(), other.tolist()
     return atan2(hypot(b * z - c * y, c * x - a * z, a * y - b * x), a * x + b * y + c * z)
 

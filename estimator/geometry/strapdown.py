@@ -1,8 +1,11 @@
 """Strapdown integration of a span of about a second: rotation, velocity change, and their sensitivities to sensor errors.
 
-All results are in the axes the device had at the beginning of the span. C(t) takes vectors of the device at time t to
-those axes. phi is the small rotation, in those axes, by which an error of the gyro's parameters moves the end:
-C_true = exp(phi) C.
+All results are in the sensor axes at the start of the span. C(t) (3, 3) rotates vectors from sensor axes at time t to
+those axes. a (3,) is the accelerometer reading less its bias, m/s².
+An error of the gyro's parameters moves the end by phi (3,), a small rotation in those axes, rad:
+
+    C_true = exp(phi) C
+
 Source: C. Forster et al., "On-manifold preintegration", IEEE Trans. Robotics 33 (2017), here with rates of a scaled and
 misaligned gyro.
 """
@@ -19,19 +22,19 @@ _SAME = np.zeros(9)
 
 
 class Span(NamedTuple):
-    """Integrals over an uninterrupted span of `seconds`, in rows of kernels/strapdown.py.
+    """Integrals over an uninterrupted span of `seconds`, in rows (34, 3) of kernels/strapdown.py.
 
         END (3, 3)                                   C at the end of the span
         PUSH (3,) m/s                                integral of C a: velocity change
         SHIFT (3,) m                                 integral of the growing push over time
-        DRIFT (3,) m/s                               push - shift / seconds, in axes of the end
-        BY_BIAS (3, 3), BY_MATRIX (9, 3)             phi per rad/s of bias, per relative change of the matrix
-        PUSH_BY_BIAS (3, 3), PUSH_BY_MATRIX (9, 3)   the same sensitivities of push
-        PUSH_BY_ACCEL (3, 3)                         push per m/s² of accelerometer bias
+        DRIFT (3,) m/s                               push - shift / seconds, in sensor axes at the end
+        BY_BIAS (3, 3), BY_MATRIX (9, 3)             phi (rad) per rad/s of bias, per relative change of the matrix
+        PUSH_BY_BIAS (3, 3), PUSH_BY_MATRIX (9, 3)   the same sensitivities of push (m/s)
+        PUSH_BY_ACCEL (3, 3)                         push (m/s) per m/s² of accelerometer bias
 
-    The changed matrix is M = (1 + change) matrix.
-
-    way: rad turned in total, in both directions. unrest: m/s rms, deviation of the velocity from a constant push.
+    The changed matrix is (1 + change) matrix.
+    way: angle turned in total, in both directions, rad.
+    unrest: rms deviation of the velocity from that of a constant acceleration, m/s.
     """
 
     seconds: float
@@ -45,8 +48,9 @@ def sum_up(
 ) -> Span:
     """Integrate n samples, each held for dt (n,) s, into a Span.
 
-    gyro (n, 3) rad/s and accel (n, 3) m/s² are readings; matrix (3, 3), bias (3,), accel_bias (3,) are the calibration.
-    change (9,): relative error of the matrix; the matrix used is (1 + change) matrix.
+    gyro (n, 3) rad/s, accel (n, 3) m/s²: readings.
+    matrix (3, 3), bias (3,) rad/s, accel_bias (3,) m/s²: the calibration.
+    change (9,): relative change of the matrix, by rows; the matrix used is (1 + change) matrix.
     """
     rows = loop.summed(dt, gyro, accel, matrix, bias, accel_bias, change)
     seconds, way, unrest = rows[loop.SCALARS].tolist()

@@ -1,4 +1,5 @@
-"""Numba-compiled loops over samples; each file serves one module of another room, calls no other loop and keeps no state.
+"""Numba-compiled loops over samples; each file serves one module of another package, and keeps no state.
 
-The same samples give the same bits in any batching. Begin at `compiled`; the tests compare each loop with NumPy.
+The same samples give the same bits, however they are split into calls. The decorator is in `compiled`. The tests
+compare each loop with NumPy.
 """

@@ -1,7 +1,7 @@
-"""Kernels of tracking/bias_filter.py: innovation and NIS of a measurement, matrix inverse, and the bias's part of a filter step.
+"""Kernels of tracking/bias_filter.py: innovation and NIS of a measurement, matrix inverse, and the step of the bias states.
 
-Textbook letters: x (n,) the state, P its covariance, z (m,) a measurement with covariance R,
-H (m, n) its slope by the state.
+Letters: x (n,) the state with covariance P (n, n); z (m,) a measurement with covariance R (m, m); H (m, n) the
+derivatives of z by x. Units are those of tracking/bias_filter.py.
 """
 
 import numpy as np
@@ -12,7 +12,7 @@ from estimator.kernels.compiled import Floats, compiled
 def innovation(z: Floats, H: Floats, R: Floats, x: Floats, P: Floats, y: Floats, S: Floats) -> bool:
     """Write the innovation y = z - H x (m,) and its covariance S = H P H' + R (m, m), in the units of z.
 
-    Returns whether all elements are finite and each element of z has noise.
+    Returns True if all elements are finite and each element of z has noise.
     """
     (m, n), sound = H.shape, True
     seen = np.zeros((m, n))
@@ -34,7 +34,10 @@ def innovation(z: Floats, H: Floats, R: Floats, x: Floats, P: Floats, y: Floats,
 
 
 def whitened(y: Floats, S: Floats) -> tuple[Floats, Floats]:
-    """Cholesky factor L (m, m) of S = L L', and a (m,) with L a = y; the NIS of the innovation y is a' a."""
+    """Cholesky factor L (m, m) of S = L L', and the whitened innovation a (m,) with L a = y.
+
+    y (m,): innovation. S (m, m): its covariance. The NIS of y is a' a.
+    """
     m = len(y)
     L, a = np.zeros((m, m)), np.empty(m)
     for i in range(m):
@@ -52,9 +55,10 @@ def whitened(y: Floats, S: Floats) -> tuple[Floats, Floats]:
 
 
 def given(first: int, L: Floats, a: Floats, y: Floats, S: Floats) -> None:
-    """Replace y (m,) and S (m, m) in place by the innovation and covariance given the first `first` elements.
+    """Replace the innovation y (m,) and its covariance S (m, m) in place by their values conditional on the first elements.
 
-    L (m, m), a (m,): result of `whitened`. Units stay those of z. The covariance between both groups becomes 0.
+    first: number of these elements. Their covariance with the others becomes 0.
+    L (m, m), a (m,): result of `whitened`. Units stay those of z.
     """
     for i in range(first, len(y)):
         y[i] = 0.0
@@ -74,9 +78,11 @@ def given(first: int, L: Floats, a: Floats, y: Floats, S: Floats) -> None:
 def weighed(z: Floats, H: Floats, R: Floats, x: Floats, P: Floats, first: int) -> tuple[Floats, Floats, float, float]:
     """Innovation (m,) of z against H x, its covariance S (m, m), and the NIS of two groups of elements of z.
 
-    The groups: the first `first` elements of z, and the others. Innovation, S and NIS of the other elements are
-    conditional on the first ones. S then has zeros between the two groups.
-    An NIS is infinite where z, H or R is not finite, or where R leaves an element of z without noise.
+    z (m,), R (m, m), H (m, n): measurement, its covariance and its derivatives. x (n,), P (n, n): state and covariance.
+    Results are in the units of z; the NIS has none.
+    The groups are the first `first` elements of z, and the others. The values of the other elements are conditional on
+    the first ones. S then has zeros between the two groups.
+    The NIS is infinite where z, H or R is not finite, or where R leaves an element of z without noise.
     """
     m = len(z)
     y, S, before, nis = np.empty(m), np.empty((m, m)), 0.0, 0.0
@@ -95,7 +101,7 @@ def weighed(z: Floats, H: Floats, R: Floats, x: Floats, P: Floats, first: int) -
 
 @compiled("f8[:, ::1](f8[:, :])")
 def inverse(S: Floats) -> Floats:
-    """Inverse of a positive definite matrix (m, m): Gauss-Jordan, which needs no pivoting here."""
+    """Inverse of a positive definite matrix S (m, m), by Gauss-Jordan elimination without pivoting."""
     m, found = len(S), S.copy()
     for k in range(m):
         pivot = 1.0 / found[k, k]
@@ -112,10 +118,11 @@ def inverse(S: Floats) -> Floats:
 
 @compiled("void(f8[:], f8[:, :], f8[:, :], f8, f8, f8[:], f8)")
 def walked(x: Floats, F: Floats, Q: Floats, warmer: float, over: float, bend: Floats, var: float) -> None:
-    """Write a filter step of bias (rad/s) and slope (rad/s/K) into x (n,), F and Q (n, n), in place.
+    """Write a prediction step of bias (rad/s) and slope by temperature (rad/s/K) into x (n,), F and Q (n, n), in place.
 
-    The bias moves by its slope over `warmer` K, by over / 2 times bend (3,), and by a random walk of variance var.
-    bend: standard deviation of the slope's change over `over` K.
+    warmer: temperature change, K; the bias moves by it times the slope.
+    over: temperature change, K, over which the slope may change. bend (3,): standard deviation of that change, rad/s/K.
+    var: variance of the random walk of the bias, (rad/s)².
     """
     for i in range(3):
         x[i] += warmer * x[3 + i]

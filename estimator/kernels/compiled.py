@@ -1,8 +1,7 @@
-"""Decorator for Numba-compiled loops: compiled on the first call and cached on disk, beside the source or in NUMBA_CACHE_DIR.
+"""Decorator for Numba-compiled loops: compiled on the first call, and cached on disk.
 
-A NumPy call on some hundred numbers costs more than its arithmetic, and a second of one device would need hundreds of
-calls. A compiled loop gives the same bits in any batching. Numba is imported on the first call, because the import
-takes half a second.
+The cache is beside the source, or in NUMBA_CACHE_DIR. Compiled loops replace hundreds of small NumPy calls, which cost
+more than their arithmetic. Numba is imported on the first call, because its import takes half a second.
 """
 
 import functools
@@ -27,7 +26,7 @@ _makers: list[Callable[[], Any]] = []
 
 
 def compiled(signature: str, *steps: Callable[..., Any]) -> Callable[[Callable[P, R]], Callable[P, R]]:
-    """Decorator: compile a function for one signature (Numba's notation). Arguments are passed by position.
+    """Decorator that compiles a function for one signature in Numba's notation; its arguments are passed by position.
 
     steps: functions of the same file that the function calls; they are compiled into it.
     """
@@ -56,7 +55,7 @@ def ready() -> None:
 
 
 def cache_folder() -> str | None:
-    """The folder where compiled loops are cached; None where Numba finds none to write to."""
+    """Folder where compiled loops are cached; None where Numba finds no writable folder."""
     _load()
     stats = _makers[0]().stats
     return str(stats.cache_path) if stats.cache_hits or stats.cache_misses else None

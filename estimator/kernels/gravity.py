@@ -1,4 +1,8 @@
-"""Kernel of tracking/gravity.py: propagates the filter's state over a span."""
+"""Kernel of tracking/gravity.py: propagates the filter's state over a span.
+
+State (24): gyro bias (3) rad/s, its slope (3) rad/s/K, gravity (3) m/s², velocity (3) m/s, accelerometer bias (3) m/s²,
+    relative change of the gyro matrix (9). Vectors are in sensor axes.
+"""
 
 import numpy as np
 
@@ -9,15 +13,17 @@ _G, _V, _A, _M = 6, 9, 12, 15
 
 
 def crossing(v: Floats) -> Floats:
-    """Matrix (3, 3) of the cross product with v (3,)."""
+    """Cross-product matrix (3, 3) of a vector v (3,), in the unit of v."""
     return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
 
 
 def steered(F: Floats, P: Floats, span: Floats, at: tuple[int, int, int], tilts: Floats, swings: Floats) -> float:
-    """Write into F how n gyro parameters move gravity and velocity; return the variance, rad², of the angle they leave.
+    """Write into F how n gyro parameters (bias or matrix) move gravity and velocity.
 
-    P: covariance of the state. span: rows of kernels/strapdown.py. at: index of the first of them in the state, n, and
-    row of their slopes in the span. tilts, swings (3, 3): cross products with gravity and with velocity.
+    F, P (24, 24): transition matrix, and covariance of the state. span: rows of kernels/strapdown.py.
+    at: index of the first parameter in the state, n, and row of the parameters' derivatives in `span`.
+    tilts, swings (3, 3): cross-product matrices of gravity (m/s²) and of velocity (m/s).
+    Returns the variance of the angle that these parameters leave uncertain, rad².
     """
     part, n, row = at
     turn, pushing = span[row : row + n].reshape(3, n), span[row + n : row + 2 * n].reshape(3, n)
@@ -39,9 +45,10 @@ def steered(F: Floats, P: Floats, span: Floats, at: tuple[int, int, int], tilts:
 
 
 def carried_over(x: Floats, span: Floats, after: Floats, kept: float, strength: float) -> Floats:
-    """State x (24,) after a span: gravity (m/s²) and velocity (m/s) in axes of the end.
+    """State x (24,) after a span: gravity (m/s²) and velocity (m/s) in sensor axes at the end of the span.
 
-    after (3,): velocity after the span in axes of the begin. kept: share of the accelerometer's bias that remains.
+    after (3,): velocity after the span in axes of its start, m/s.
+    kept: fraction of the accelerometer bias that remains.
     strength: magnitude of gravity, m/s².
     """
     moved, norm = x.copy(), 0.0
@@ -60,8 +67,9 @@ def carried_over(x: Floats, span: Floats, after: Floats, kept: float, strength: 
 def stirred(Q: Floats, tilting: Floats, seconds: float, doubt: float, noise: tuple[float, float, float]) -> None:
     """Write the process noise of a span of `seconds` into Q (24, 24).
 
-    tilting (3, 3), m/s² per rad: gravity's change by a rotation. doubt: second-order variance of gravity, (m/s²)².
-    noise (3,): variances added to rotation, rad², velocity, (m/s)², and accelerometer bias, (m/s²)².
+    tilting (3, 3): change of gravity by a rotation, m/s² per rad.
+    doubt: second-order variance of gravity, (m/s²)².
+    noise (3,): variances added to rotation (rad²), velocity ((m/s)²) and accelerometer bias ((m/s²)²).
     """
     turned, pushed, posed = noise
     for i in range(3):
@@ -88,11 +96,12 @@ def carried(
 ) -> tuple[Floats, Floats, Floats]:
     """Propagate the state x (24,) of tracking/gravity.py over a span; return the new state (24,), F and Q (24, 24).
 
-    P (24, 24): covariance of x. span: rows of kernels/strapdown.py. kept: share of the accelerometer's bias that
-    remains. strength: magnitude of gravity, m/s². noise (3,): variances that the span adds to the rotation, rad², to
-    each velocity component, (m/s)², and to each accelerometer bias component, (m/s²)². An uncertain angle, from bias or
-    matrix, also shifts gravity by half of its square. F has no such term, so Q has it as noise (second order; A. H.
-    Jazwinski, "Stochastic Processes and Filtering Theory" (1970), ch. 9).
+    P (24, 24): covariance of x. span: rows of kernels/strapdown.py.
+    kept: fraction of the accelerometer bias that remains. strength: magnitude of gravity, m/s².
+    noise (3,): variances that the span adds to the rotation (rad²), to each velocity component ((m/s)²), and to each
+        accelerometer bias component ((m/s²)²).
+    An uncertain angle, from bias or matrix, also shifts gravity by half of its square. F has no such term, so Q has it
+    as noise (second order; A. H. Jazwinski, "Stochastic Processes and Filtering Theory" (1970), ch. 9).
     """
     F, Q, after, tilting = np.eye(24), np.zeros((24, 24)), np.empty(3), np.zeros((3, 3))
     push, push_by_accel, seconds = span[3], span[12:15], span[33, 0]

@@ -1,8 +1,15 @@
-"""Kernel of orientation/attitude.py: carries the attitudes of many devices over their samples in one call.
+"""Kernel of orientation/attitude.py: integrates the attitudes of many devices over their samples in one call.
 
-Letters: q the attitude, sensor to earth (z up), as a quaternion w x y z; f specific force in earth axes; v the velocity
-that f gives; phi (3) the small rotation in earth axes from the estimated attitude to the true one. A tilt phi shows as
-an acceleration g (phi_y, -phi_x), so v runs away. A wearer's velocity is bounded: it is measured as zero.
+Letters:
+
+    q     attitude, sensor to earth (z up), as a quaternion w x y z
+    f     specific force (3) in earth axes, m/s²
+    v     horizontal velocity (2) that f gives, m/s
+    phi   small rotation (3) in earth axes from the estimated attitude to the true one, rad
+    g     9.80665 m/s²
+
+A tilt phi appears as an acceleration g (phi_y, -phi_x), so v grows without limit. The velocity of a wearer is bounded,
+so it is measured as zero.
 """
 
 import numpy as np
@@ -42,13 +49,17 @@ def carried(
     cov: Floats,
     trace: Floats,
 ) -> None:
-    """Integrate states (k, SIZE) over rows (n, 9), in place; write the results to out (n, WIDTH).
+    """Integrate attitude states (k, SIZE) over samples, rows (n, 9), in place; write the results to out (n, WIDTH).
 
-    rows: columns of samples/sample_buffer.py. cov, written: covariance of phi as in the state, (n, 6) of every sample, or
-    (m, 6) of the last of each device's rows.
-
-    The first counts[0] rows are of the device which[0], corrected as known[0] says, and so on; known (m, KNOWN).
-    knobs (11,): settings in the order of orientation/attitude.py. trace (n, TRACE), or (0, TRACE) where none is wanted.
+    rows: device time (s), gyro (3, rad/s), accelerometer (3, m/s²), clipped, temperature (°C).
+    which, counts (m,): the first counts[0] rows belong to device which[0], the next counts[1] to device which[1], and
+        so on.
+    known (m, KNOWN): sensor errors of each of these, as orientation/attitude.py packs them.
+    knobs (11,): settings in the order of orientation/attitude.py.
+    out: quaternion sensor to earth (4), and acceleration without gravity in earth axes (3, m/s²).
+    cov, written: covariance of phi (xx, xy, xz, yy, yz, zz), rad². It is (n, 6) for every sample, or (m, 6) for the
+        last row of each device.
+    trace (n, TRACE), written, for `smoothed`; or (0, TRACE) for no trace.
     """
     g, limit = 9.80665, np.pi**2 / 3  # the variance of an angle of which nothing is known
     J, f, w, turn, C = np.empty((5, 15)), np.empty(3), np.empty(3), np.empty(3), np.empty((3, 3))
@@ -250,9 +261,10 @@ def carried(
 
 @compiled("void(f8[:, ::1], f8[:, ::1], f8[:])")
 def smoothed(trace: Floats, quaternions: Floats, tilt_share: Floats) -> None:
-    """Rauch-Tung-Striebel pass over a trace (n, TRACE): corrects quaternions (n, 4) in place by later samples.
+    """Correct quaternions (n, 4) in place by later samples: a Rauch-Tung-Striebel pass over a trace (n, TRACE).
 
-    tilt_share (n,), written: variance of the smoothed tilt as a share of the real-time one.
+    trace: result of `carried`: covariances of tilt (rad²) and velocity ((m/s)²), corrections, and sample intervals (s).
+    tilt_share (n,), written: variance of the smoothed tilt divided by that of the real-time tilt.
     """
     g, n = 9.80665, len(trace)
     phi0 = phi1 = v0 = v1 = 0.0

@@ -1,4 +1,4 @@
-"""Kernels for the samples of many messages at once: unpack and check columns, and correct readings."""
+"""Kernels for the samples of many messages at once: unpack and check columns, and correct gyro readings."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,7 @@ COUNT, ACCEL, CELSIUS, FLAGS, FIRST, START = range(6)
 
 
 def vector(values: Float32s, limit: float, row: Floats) -> bool:
-    """Copy a reading (3,) into row (3,); return whether each value is a number within ±limit, in the same unit."""
+    """Copy a reading (3,) into row (3,); return True if each value is a number within ±limit, in the same unit."""
     fit = True
     for c in range(3):
         fit &= bool(abs(values[c]) <= limit)
@@ -23,7 +23,10 @@ def vector(values: Float32s, limit: float, row: Floats) -> bool:
 
 
 def starts(numbers: Wholes, ticks: int) -> tuple[int, int, int, int]:
-    """Index, in 32-bit words, of the first gyro, accel, °C and flags value; they follow the ticks of all messages."""
+    """Index, in 32-bit words, of the first gyro, accelerometer, temperature and flags value in the memory of all messages.
+
+    numbers (6, m): as for `unpacked`. ticks: number of ticks (64 bits each), which come before these values.
+    """
     gyro = 2 * ticks
     accel = gyro + 3 * ticks
     celsius = accel + numbers[ACCEL].sum() // 4
@@ -31,7 +34,10 @@ def starts(numbers: Wholes, ticks: int) -> tuple[int, int, int, int]:
 
 
 def host_time(passed_ns: float, start: int, latest: float, place: Wholes) -> bool:
-    """Write a sample's host time, start + passed_ns, into place[1], ns; return whether it is not beyond `latest`."""
+    """Write a sample's host time, start + passed_ns, into place[1]; return True if it is not after `latest`.
+
+    All times in ns; start and latest since the Unix epoch.
+    """
     if not passed_ns <= latest - start:
         return False
     place[1] = start + np.int64(np.rint(passed_ns))
@@ -55,12 +61,25 @@ def unpacked(
 ) -> None:
     """Unpack the samples of m messages into rows (n, 9) and places (n, 3) of samples/sample_buffer.py, with checks.
 
-    found (3, m), written for each message: device time, s, of its first and last sample, and whether all of its samples
-    are valid. numbers (6, m): rows as listed at the top of this file. clocks (2, m): tick period, s, and clock rate.
-    ticks: the ticks of all messages one after the other, packed as on the wire. Behind them in the same memory, which
-    floats and words view in two types, lie all gyro, then all accel, °C and flags.
-    limits: largest gyro, accel, °C and host time; masks of known flags, of those that make a reading unfit, and of
-    those that make its °C unfit.
+    rows, written: device time (s), gyro (3, rad/s), accelerometer (3, m/s²), clipped, temperature (°C).
+    places, written: sequence number, host time (ns since the Unix epoch), flags.
+    found (3, m), written: device time (s) of the first and last sample of each message, and 1 if all its samples are
+    valid.
+    clocks (2, m): tick period (s), and clock rate (host seconds per device second).
+    ticks: the ticks of all messages one after the other, packed as on the wire. Behind them in memory follow all gyro,
+        then all accelerometer, temperature and flags values.
+    floats, words: views of the same memory as two types.
+
+    numbers (6, m), per message:
+
+        0         number of samples
+        1, 2, 3   bytes of accelerometer, temperature and flags; 0 where absent
+        4, 5      sequence number and host time (ns since the Unix epoch) of the first sample
+
+    limits (7,):
+
+        0, 1, 2, 3   largest gyro (rad/s), accelerometer (m/s²), temperature (°C) and host time (ns)
+        4, 5, 6      masks of known flags, of flags for an unfit reading, and of flags for an unfit temperature
     """
     known, unfit, stepped = np.uint32(limits[4]), np.uint32(limits[5]), np.uint32(limits[6])
     gyro, accel, celsius, flags = starts(numbers, len(ticks))
@@ -96,12 +115,14 @@ def unpacked(
 def corrected(
     rows: Floats, counts: Wholes, parameters: Floats, limit: float, rate: Float32s, beyond: NDArray[np.bool_]
 ) -> bool:
-    """Write corrected rates (n, 3) of rows (n, 9), limited to ±limit; return whether any rate was beyond the limit.
+    """Write corrected rates (n, 3), rad/s, of rows (n, 9), limited to ±limit; return True if any rate was beyond the limit.
 
-    rows: columns of samples/sample_buffer.py. beyond (n,), written: which samples were limited. The first counts[0]
-    rows use parameters[0], the next counts[1] rows parameters[1], and so on; parameters (m, 12) are matrix and bias.
+    rows: device time (s), gyro (3, rad/s), accelerometer (3, m/s²), clipped, temperature (°C).
+    counts (m,), parameters (m, 12): the first counts[0] rows use parameters[0], and so on. Each has the matrix (9, by
+    rows) and the bias (3, rad/s).
+    limit: rad/s. beyond (n,), written: True for samples that were limited.
     rate = matrix (reading - bias), summed from the left as in gyro_model.py. The bits are the same for any number of
-    rows at once.
+    rows.
     """
     at, found = 0, False
     for m in range(len(counts)):

@@ -1,4 +1,4 @@
-"""Kernel of tracking/seconds.py: joins windows into seconds."""
+"""Kernel of tracking/seconds.py: joins stillness windows into seconds."""
 
 import numpy as np
 
@@ -9,7 +9,7 @@ WAITING = 64
 
 
 def nothing_gathered() -> tuple[Floats, Floats]:
-    """Return the initial state (9,) and empty storage (WAITING, 6) for waiting windows, as `cut` needs them."""
+    """Initial state (9,) and empty storage (WAITING, 6) for waiting windows, as `cut` needs them."""
     state = np.zeros(9)
     state[0] = -np.inf
     return state, np.empty((WAITING, 6))
@@ -18,7 +18,8 @@ def nothing_gathered() -> tuple[Floats, Floats]:
 def let_go(state: Floats, moved: float | None) -> None:
     """Discard the unfinished second and the waiting windows, because the next windows are skipped.
 
-    state (9,) is changed in place. moved: end time, s, of the last moving window among those skipped, or None.
+    state (9,): state of `cut`, changed in place.
+    moved: device time at the end of the last moving window among those skipped, s, or None.
     """
     state[1] = state[2] = 0.0
     state[0] = state[0] if moved is None else moved
@@ -28,16 +29,30 @@ def let_go(state: Floats, moved: float | None) -> None:
 def cut(
     found: Floats, first: int, begin: int, waiting: Floats, state: Floats, knobs: tuple[float, float, float]
 ) -> Floats:
-    """Seconds (k, 5) that become complete with the next windows, found (m, 22) by kernels/stillness.py.
+    """Join the next windows into seconds, and return the completed seconds (k, 5).
 
-    A row: index of the window that completes the second, number of its first sample and of the one after its last,
-    whether it is still, whether it has an accelerometer.
-    first: number of the sample that `found` counts from. begin: offset of the first window from there. Times are device
-    time, s. waiting (WAITING, 6): windows that wait: begin and end time, whether the window is still if stillness
-    lasts, first sample and the one after the last, whether it has an accelerometer.
-    state (9,): end time of the last moving window; number of waiting windows; of the second in progress: whether there
-    is one, its begin time, number of its first sample, whether its latest window is still, whether all are, whether all
-    have an accelerometer; number of spikes in all windows so far.
+    found (m, 22): judged windows of kernels/stillness.py. All times are device time, s.
+    first: number of the sample to which index 0 in `found` refers. begin: index of the first window's first sample.
+    knobs (3,): length, least length, and settling time of a second, s.
+    Each result row: index of the window that completes the second, its first sample and the one after its last, 1 if
+    still, 1 with an accelerometer.
+
+    waiting (WAITING, 6), changed in place, has one row per waiting window:
+
+        0, 1   start and end time
+        2      1 if the window is still, provided that the stillness lasts
+        3, 4   numbers of its first sample and of the one after its last
+        5      1 with an accelerometer
+
+    state (9,), changed in place:
+
+        0      end time of the last moving window
+        1      number of waiting windows
+        2      1 if a second is in progress; the next five values describe it
+        3, 4   start time, and number of its first sample
+        5, 6   1 if its latest window is still; 1 if all its windows are still
+        7      1 if all its windows have an accelerometer
+        8      number of spikes in all windows so far
     """
 
     def close(row: Floats, window: int, behind: float) -> None:

@@ -1,4 +1,4 @@
-"""Kernel of tracking/seconds.py: statistics of the readings of a second."""
+"""Kernel of tracking/seconds.py: statistics (mean, scatter, rounding step) of the readings of a second."""
 
 import numpy as np
 
@@ -11,7 +11,7 @@ MEAN, STD, STEP, MEAN_VAR, COMMON_VAR, JITTER, HELD, ACCEL_MEAN, ACCEL_STD, SCAL
 
 
 def timed(time: Floats, first: float, dt: Floats) -> float:
-    """Write the intervals dt (n,), s, between samples at time (n,) after one at time `first`; return the longest."""
+    """Write the sample intervals dt (n,), s, of samples at time (n,), s, after a sample at time `first`; return the longest."""
     before, longest = first, -np.inf
     for i in range(len(time)):
         dt[i] = time[i] - before
@@ -32,7 +32,10 @@ def spread(read: Floats) -> tuple[float, float]:
 
 
 def jittered(read: Floats) -> tuple[float, float, float]:
-    """Least and largest of readings (n,), n > 2, and the standard deviation of steps between neighbours; same unit."""
+    """Least and largest of readings (n,), n > 2, and standard deviation of the steps between neighbours; all in their unit.
+
+    The steps are taken about their mean, so that a steady drift does not count.
+    """
     n, low, high, jitter = len(read), read[0], read[0], 0.0
     jump = (read[n - 1] - read[0]) / max(1, n - 1)
     for i in range(1, n):
@@ -42,10 +45,11 @@ def jittered(read: Floats) -> tuple[float, float, float]:
 
 
 def on_grid(read: Floats, low: float, high: float, grid: float) -> float:
-    """Smallest difference between readings (n,) that are multiples of `grid` apart.
+    """Smallest difference between readings (n,) that lie on a grid of multiples of `grid`.
 
-    low, high, grid: least and largest reading, and the grid, in their unit. Infinite where all are equal, NaN where
-    they are off the grid or it is too wide.
+    low, high: least and largest reading; all in the readings' unit.
+    Returns infinity where all readings are equal. Returns NaN where they are off the grid, or where the grid has too
+    many levels.
     """
     # Sorting would take longer than all the rest here.
     if not high - low < _LEVELS * grid < np.inf:
@@ -65,9 +69,10 @@ def on_grid(read: Floats, low: float, high: float, grid: float) -> float:
 
 
 def stepped(read: Floats, low: float, high: float, known: float, step_if_none: float) -> float:
-    """Smallest difference between readings (n,), the rounding step; `step_if_none` where all are equal.
+    """Rounding step of readings (n,): the smallest difference between them; `step_if_none` where all are equal.
 
-    low, high: least and largest reading, in the same unit. known: least step known before, tried first as a grid.
+    low, high: least and largest reading. known: least step known before, tried first as a grid. All in the readings'
+        unit.
     """
     step = on_grid(read, low, high, known)
     if np.isnan(step):
@@ -80,7 +85,7 @@ def stepped(read: Floats, low: float, high: float, known: float, step_if_none: f
 
 
 def strength(accel: Floats) -> float:
-    """Mean magnitude of accelerometer readings (n, 3), m/s²; NaN where any is."""
+    """Mean magnitude of accelerometer readings (n, 3), m/s²; NaN where any reading is NaN."""
     total = 0.0
     for i in range(len(accel)):
         total += np.sqrt(accel[i, 0] ** 2 + accel[i, 1] ** 2 + accel[i, 2] ** 2)
@@ -88,7 +93,7 @@ def strength(accel: Floats) -> float:
 
 
 def mean_of_known(celsius: Floats) -> float:
-    """Mean of the temperatures (n,) that are not NaN, °C; NaN where all are."""
+    """Mean of the temperatures (n,), °C, without those that are NaN; NaN where all are."""
     total, known = 0.0, 0
     for i in range(len(celsius)):
         if not np.isnan(celsius[i]):
@@ -104,15 +109,22 @@ def mean_of_known(celsius: Floats) -> float:
 def measured(
     samples: Floats, first: float, coarsest: float, step_if_none: float, known: Floats
 ) -> tuple[Floats, Floats, bool]:
-    """Intervals dt (n,) of samples after time `first`, s; statistics in rows of three; and whether a sample is clipped.
+    """Statistics of the samples of a second: intervals dt (n,) in s, rows (11, 3), and True if a sample is clipped.
 
-    samples (n, 9): rows of samples/sample_buffer.py. Statistics of accel are NaN without an accelerometer.
+    samples (n, 9): rows of samples/sample_buffer.py. first: time of the sample before, s.
+    coarsest: rad/s; where no STD is below it, the rounding step is not measured but taken from `known`.
+    step_if_none: rounding step where no two readings differ, rad/s.
+    known (3,), updated: least rounding step so far, rad/s.
+    Rows of the result, gyro in rad/s and accel in m/s²:
 
-    MEAN, STD: of the gyro. STEP: smallest difference between readings, to within a tenth of the least `known` (3,),
-    which is updated; `step_if_none` if there is none. Where no STD is below `coarsest`, STEP is the least known.
-    MEAN_VAR and COMMON_VAR: see gyro_model.py. JITTER: deviation from one reading to the next. HELD: 1 where all
-    readings are equal. ACCEL_MEAN, ACCEL_STD: of accel. SCALARS: least STD, longest dt, mean magnitude of accel.
-    CELSIUS: mean of the temperatures that are known, °C; NaN without any.
+        MEAN, STD               mean and standard deviation of the gyro readings
+        STEP                    rounding step
+        MEAN_VAR, COMMON_VAR    variance of the mean, and its part from rounding, (rad/s)²: see gyro_model.py
+        JITTER                  standard deviation of the steps between neighbouring readings
+        HELD                    1 where all readings are equal
+        ACCEL_MEAN, ACCEL_STD   mean and standard deviation of accel; NaN without an accelerometer
+        SCALARS                 least STD, longest dt (s), mean magnitude of accel
+        CELSIUS                 mean of the known temperatures, °C, in the first column; NaN without any
     """
     gyro, accel = samples[:, 1:4], samples[:, 4:7]
     dt, rows, n = np.empty(len(samples)), np.zeros((11, 3)), len(samples)

@@ -1,4 +1,7 @@
-"""Kernel of stillness/detector.py: cuts samples into windows, mends spikes, and judges each window. Unknown values are NaN."""
+"""Kernel of stillness/detector.py: cuts samples into windows, removes spikes, and judges each window as still or moving.
+
+Unknown values are NaN.
+"""
 
 import numpy as np
 
@@ -15,22 +18,27 @@ _FASTER = 1.5
 
 
 def nothing_known(noise_guess: float) -> tuple[Floats, Floats]:
-    """Initial state (5, 4) and recent windows (RECENT, 7) of `judged`, with an assumed noise of one reading, rad/s."""
+    """Initial state (5, 4) and recent windows (RECENT, 7) of `judged`.
+
+    noise_guess: assumed standard deviation of one gyro reading at rest, rad/s.
+    """
     state, recent = np.full((5, 4), np.nan), np.full((RECENT, 7), np.nan)
     state[1, 0], state[3, 1:] = 0.0, noise_guess
     return state, recent
 
 
 def near(a: Floats, b: Floats, tolerance: float) -> bool:
-    """Return whether two rates (3,) differ by less than `tolerance` (same unit) on every axis."""
+    """Return True if two rates (3,) differ by less than `tolerance` (same unit) on every axis."""
     return bool(abs(a[0] - b[0]) < tolerance and abs(a[1] - b[1]) < tolerance and abs(a[2] - b[2]) < tolerance)
 
 
 def window_end(time: Floats, read: Floats, begin: int, fewest: int, window_s: float, far: float) -> int:
-    """Index after the last sample of the window that begins at index `begin`; beyond the samples where more are needed.
+    """Index after the last sample of the window that begins at index `begin`.
 
-    time (n,) s, read (n, 6): samples. fewest, window_s: least number of samples and least length, s. far: least step of
-    a spike, rad/s; the window does not end at one.
+    The index is beyond the last sample where the window needs more samples.
+    time (n,): s. read (n, 6): gyro (rad/s) and accelerometer (m/s²) readings.
+    fewest, window_s: least number of samples, and least length in s, of a window.
+    far: least step of a spike, rad/s; the window does not end at a spike.
     """
     held, end = len(time), begin
     while end < held and time[end] < time[begin] + window_s:
@@ -50,7 +58,7 @@ def window_end(time: Floats, read: Floats, begin: int, fewest: int, window_s: fl
 
 
 def summed(read: Floats, mean: Floats, std: Floats) -> None:
-    """Write mean (6,) and standard deviation (6,) of readings (n, 6): gyro, rad/s, and accel, m/s²; n > 1."""
+    """Write mean (6,) and standard deviation (6,) of readings (n, 6), n > 1: gyro in rad/s, and accelerometer in m/s²."""
     n = len(read)
     mean[:], std[:] = 0.0, 0.0
     for i in range(n):
@@ -68,8 +76,9 @@ def summed(read: Floats, mean: Floats, std: Floats) -> None:
 def mended(read: Floats, clipped: Floats, before: Floats, spikes: tuple[float, float, float]) -> int:
     """Replace spikes in the gyro columns of readings (n, 6) by their neighbours' mean; return how many samples had one.
 
-    clipped (n,): flags, cleared for mended samples. before (3,): the reading before the first. spikes: least distance
-    from that mean, rad/s, the same relative to the usual one, and to the neighbours'.
+    clipped (n,): flags, cleared for corrected samples. before (3,): the gyro reading before the first, rad/s.
+    spikes: three least distances of a spike from that mean. They are in rad/s, relative to the median distance, and
+        relative to the distances of its neighbours.
     """
     n, (far, unusual, alone) = len(read), spikes
     lone, around, off = np.zeros(n, np.bool_), np.empty(n + 1), np.zeros(n + 1)
@@ -94,9 +103,9 @@ def mended(read: Floats, clipped: Floats, before: Floats, spikes: tuple[float, f
 
 
 def broken(time: Floats, clipped: Floats, before: float, gap_s: float) -> tuple[bool, bool]:
-    """Return whether a window has a gap of gap_s or more between samples, and whether a reading in it is clipped.
+    """Return two flags of a window: True for a gap of gap_s (s) or more between samples, and True for a clipped reading.
 
-    time (n,) s, clipped (n,): of the window's samples. before: time of the sample before it, s.
+    time (n,) s, clipped (n,): of the window's samples. before: time of the sample before the window, s.
     """
     gap, cut_off = False, False
     for i in range(len(time)):
@@ -107,10 +116,12 @@ def broken(time: Floats, clipped: Floats, before: float, gap_s: float) -> tuple[
 
 
 def quiet(mean: Floats, std: Floats, rate_hz: float, noise: Floats, knobs: tuple[float, ...]) -> bool:
-    """Return whether readings of mean (6,) and std (6,) scatter no more than at rest; accel's mean is NaN without one.
+    """Return True if the readings of a window scatter no more than at rest.
 
-    rate_hz: sample rate in the window. noise (4,): sample rate, Hz, at which the noise was measured, and the noise (3),
-    rad/s. knobs: see `judged`.
+    mean, std (6,): of gyro (rad/s) and accelerometer (m/s²) readings; NaN without an accelerometer.
+    rate_hz: sample rate in the window, Hz.
+    noise (4,): sample rate (Hz) at which the noise was measured, and the noise (3), rad/s.
+    knobs: see `judged`.
     """
     _, _, factor, floor, jolt, _, _, ceiling, _, _, _, _ = knobs
     # At a higher output data rate a reading averages over less time: its noise is larger until learnt anew.
@@ -122,9 +133,10 @@ def quiet(mean: Floats, std: Floats, rate_hz: float, noise: Floats, knobs: tuple
 
 
 def rests(mean: Floats, begun: float, ended: float, state: Floats, knobs: tuple[float, ...]) -> bool:
-    """Return whether a quiet window of mean rate (3,) belongs to a rest, or is long enough at another rate to be one.
+    """Return True if a quiet window belongs to a rest, or if quiet at another rate has lasted long enough to be a new rest.
 
-    begun, ended: times of the window, s. state (5, 4), changed in place, and knobs: see `judged`.
+    mean (3,): mean gyro reading, rad/s. begun, ended: device time of the window, s.
+    state (5, 4), changed in place, and knobs: see `judged`.
     """
     _, _, _, _, _, tolerance, new_s, _, _, _, _, _ = knobs
     rest, odd, reference = state[1], state[2], state[4, 1:]
@@ -144,7 +156,10 @@ def rests(mean: Floats, begun: float, ended: float, state: Floats, knobs: tuple[
 
 
 def middle(values: Floats, lower: int) -> float:
-    """Median of values (n,). Of an even number: the mean of the middle two, or with lower = 0 the upper of the two."""
+    """Median of values (n,), n up to RECENT, in their unit.
+
+    lower: for an even n, 1 gives the mean of the middle two values, and 0 the upper of the two.
+    """
     known, ordered = len(values), np.empty(RECENT)
     for i in range(known):
         place = i
@@ -156,8 +171,9 @@ def middle(values: Floats, lower: int) -> float:
 
 
 def learnt(known: int, state: Floats, recent: Floats) -> bool:
-    """Update the mean of the rest and the noise from the latest `known` windows; return whether the noise changed.
+    """Update the mean of the rest and the noise from the latest windows; return True if the noise was updated.
 
+    known: number of these windows; the noise needs eight.
     state (5, 4), changed in place, and recent (RECENT, 7): see `judged`.
     """
     rest, noise, reference = state[1], state[3], state[4, 1:]
@@ -180,16 +196,21 @@ def learnt(known: int, state: Floats, recent: Floats) -> bool:
     *(near, window_end, summed, mended, broken, quiet, rests, middle, learnt),
 )
 def judged(rows: Floats, state: Floats, recent: Floats, knobs: tuple[float, ...]) -> Floats:
-    """Cut samples, rows (n, 9) of samples/sample_buffer.py, into windows and judge each: result (m, 22).
+    """Cut samples, rows (n, 9) of samples/sample_buffer.py, into windows and judge each as still or moving: result (m, 22).
 
-    Spikes are mended in the rows. Each result row: begin and end time, s, index after its last sample, number of
-    spikes; flags: still, has an accelerometer, contributed to the noise estimate; mean (6) and std (6) of gyro, rad/s,
-    and accel, m/s²; noise (3), rad/s. state (5, 4), each row a number and three axes: time and reading of the last
-    sample; number of windows in this rest, and its mean after four of them; begin and mean of a stretch that is quiet
-    at another rate; sample rate, Hz, at which the noise was measured, and the noise, rad/s; unused, and the mean of the
-    last rest.
-    recent (RECENT, 7): mean, rate and std of the latest windows of this rest. knobs: limits of stillness/detector.py,
-    as ordered in the detector.
+    Spikes are replaced in the rows.
+    state (5, 4), changed in place; each row has a number and three axes (rad/s):
+
+        0   time (s) and reading of the last sample
+        1   number of windows in this rest, and its mean after four of them
+        2   start (s) and mean of a stretch that is quiet at another rate
+        3   sample rate (Hz) at which the noise was measured, and the noise
+        4   unused, and the mean of the last rest
+
+    recent (RECENT, 7), changed in place: mean (3), sample rate (Hz) and std (3) of the latest windows of this rest.
+    knobs (12,): limits of stillness/detector.py in its order.
+    Columns of the result: start and end time (s); index after the last sample; number of spikes; flags still, has an
+    accelerometer, noise was updated; mean (6) and std (6) of gyro (rad/s) and accelerometer (m/s²); noise (3), rad/s.
     """
     window_s, least, _, _, _, _, _, _, gap_s, far, unusual, alone = knobs
     last, rest, odd, noise = state[0], state[1], state[2], state[3]

@@ -1,4 +1,4 @@
-"""Kernel of geometry/strapdown.py: integrates the readings of a span and their sensitivities."""
+"""Kernel of geometry/strapdown.py: integrates the readings of a span, and their sensitivities to sensor errors."""
 
 import numpy as np
 
@@ -18,7 +18,11 @@ BY_MATRIX, PUSH_BY_MATRIX, SCALARS, ROWS = slice(15, 24), slice(24, 33), 33, 34
 
 
 def rates(gyro: Floats, bias: Floats, calibrated: Floats, change: Floats) -> tuple[Floats, Floats]:
-    """Rates (n, 3) rad/s of gyro readings (n, 3), and the matrix (3, 3) used for them: (1 + change) calibrated."""
+    """Rates (n, 3), rad/s, of gyro readings (n, 3), rad/s, and the matrix (3, 3) used for them.
+
+    bias (3,): rad/s. calibrated (3, 3): gyro matrix. change (9,): its relative change, by rows.
+    The matrix used is (1 + change) calibrated.
+    """
     rate, matrix = np.empty(gyro.shape), calibrated.copy()
     for r in range(3):
         for c in range(3):
@@ -32,7 +36,7 @@ def rates(gyro: Floats, bias: Floats, calibrated: Floats, change: Floats) -> tup
 
 
 def half_turn(speed: float, h: float) -> tuple[float, float]:
-    """Cosine of half the angle turned in h s at `speed` rad/s, and the sine of it divided by the speed, s."""
+    """Cosine of half the angle turned in h seconds at `speed` (rad/s), and the sine of it divided by the speed (s)."""
     half = 0.5 * speed * h
     if half >= 0.05:
         return np.cos(half), np.sin(half) / speed
@@ -42,10 +46,12 @@ def half_turn(speed: float, h: float) -> tuple[float, float]:
 
 
 def turned(dt: Floats, rate: Floats, force: Floats, carried: Floats, end: Floats) -> tuple[float, float]:
-    """Integrate the attitude over n samples; return the span's length, s, and the angle turned in total, rad.
+    """Integrate the attitude over n samples; return the span's length (s), and the angle turned in total (rad).
 
-    dt (n,) s, rate (n, 3) rad/s. force (n, 3), changed in place from device axes to axes of the begin. Written: carried
-    (9, n), the mean attitude in each sample times its dt, and end (3, 3), the last attitude.
+    dt (n,): s. rate (n, 3): rad/s.
+    force (n, 3): m/s², changed in place from sensor axes to axes of the span's start.
+    carried (9, n), written: mean attitude in each sample times its dt, s.
+    end (3, 3), written: the last attitude, sensor axes to axes of the start.
     """
     seconds = way = 0.0
     # Scalars stay in registers: the attitude as a quaternion, and as matrix rows x, y and z before and after a sample.
@@ -85,9 +91,10 @@ def turned(dt: Floats, rate: Floats, force: Floats, carried: Floats, end: Floats
 
 
 def moved_ahead(dt: Floats, force: Floats, carried: Floats, push: Floats) -> Floats:
-    """Velocity changes (9, n) that a rotation error in each sample causes, per its `carried` (9, n) of `turned`.
+    """Velocity changes (9, n) that a rate error in each sample causes, m/s per rad/s.
 
-    force (n, 3) m/s² in axes of the begin. Written: push (3,) m/s, the sum of force times dt.
+    dt (n,): s. force (n, 3): m/s², in axes of the span's start. carried (9, n): result of `turned`.
+    push (3,), written: the sum of force times dt, m/s.
     """
     # A rotation phi moves the force f by phi x f. A sample's rotation error moves all pushes from that sample on.
     moved = np.empty(carried.shape)
@@ -106,10 +113,11 @@ def moved_ahead(dt: Floats, force: Floats, carried: Floats, push: Floats) -> Flo
 
 
 def slopes(carried: Floats, moved: Floats, rate: Floats, by_bias: Floats, by_matrix: Floats) -> None:
-    """Write the slopes of rotation, rad, and push, m/s, by a rate error, rad/s (6, 3), and by the matrix (6, 9).
+    """Write the derivatives of rotation (rad) and push (m/s) by a rate error, (6, 3), and by the matrix, (6, 9).
 
-    carried, moved (9, n): results of `turned` and `moved_ahead`. Rows: rotation (3), then push (3). Columns of the
-    first: device axes.
+    carried, moved (9, n): results of `turned` and `moved_ahead`. rate (n, 3): rad/s.
+    Rows: rotation (3), then push (3). Columns of by_bias: sensor axes, per rad/s. Columns of by_matrix: elements of the
+        relative change, by rows.
     """
     n = len(rate)
     for r in range(3):
@@ -132,9 +140,10 @@ def slopes(carried: Floats, moved: Floats, rate: Floats, by_bias: Floats, by_mat
 
 
 def strayed(dt: Floats, force: Floats, push: Floats, seconds: float, shift: Floats) -> float:
-    """Unrest of a span, m/s: rms deviation of the velocity from that of a constant push.
+    """Unrest of a span, m/s: rms deviation of the velocity from that of a constant acceleration.
 
-    force (n, 3) m/s², push (3,) m/s: in axes of the begin. Written: shift (3,) m, the integral of the growing push.
+    dt (n,): s. force (n, 3) m/s², push (3,) m/s: in axes of the span's start. seconds: length of the span.
+    shift (3,), written: integral of the growing push over time, m.
     """
     n, square = len(dt), 0.0
     for r in range(3):
@@ -160,10 +169,12 @@ def strayed(dt: Floats, force: Floats, push: Floats, seconds: float, shift: Floa
 def summed(
     dt: Floats, gyro: Floats, accel: Floats, calibrated: Floats, bias: Floats, accel_bias: Floats, change: Floats
 ) -> Floats:
-    """Integrate a span of n samples: rows (ROWS, 3) as geometry/strapdown.py describes them.
+    """Integrate a span of n samples into rows (ROWS, 3), in the layout of geometry/strapdown.py.
 
-    The slopes by the matrix, (3, 9), fill nine rows. The matrix used is (1 + change) calibrated, with change (9,) and
-    calibrated (3, 3). SCALARS: seconds, way, unrest.
+    dt (n,) s, gyro (n, 3) rad/s, accel (n, 3) m/s²: samples.
+    calibrated (3, 3), bias (3,) rad/s, accel_bias (3,) m/s²: calibration. change (9,): relative change of the matrix,
+    by rows. The matrix used is (1 + change) calibrated.
+    The derivatives by the matrix, (3, 9), fill nine rows. SCALARS: seconds (s), way (rad), unrest (m/s).
     """
     rows, force, carried = np.zeros((ROWS, 3)), np.empty(accel.shape), np.empty((9, len(dt)))
     scalars, by_bias, by_matrix = rows[SCALARS], np.zeros((6, 3)), rows[15:33].reshape(6, 9)

@@ -7,9 +7,10 @@ from estimator.kernels.compiled import Floats, compiled
 
 @compiled("f8[::1](f8[:], f8[:, :], f8[:], f8[:], f8, f8)")
 def narrowed(bias: Floats, cov: Floats, mean: Floats, wide_std: Floats, usual_std: float, gate: float) -> Floats:
-    """Mean (3,) of a bias (3,) with covariance (3, 3) when its prior narrows from wide_std (3,) to usual_std, both about mean.
+    """Mean (3,) of a bias, rad/s, when its prior narrows from wide_std (3,) to usual_std, both about mean (3,).
 
-    The bias itself where the NIS of the step is above the gate.
+    bias (3,), cov (3, 3): estimate under the wide prior, rad/s, and its covariance, (rad/s)².
+    Returns `bias` unchanged where the NIS of the step is above the gate.
     """
     x, P, nis = bias.copy(), cov.copy(), 0.0
     for axis in range(3):

@@ -1,4 +1,4 @@
-"""Kernels of tracking/zaru.py: test whether seconds may be one rest, and form their zero-rate measurement."""
+"""Kernels of tracking/zaru.py: test that seconds belong to one rest, and form their zero-rate measurement."""
 
 import numpy as np
 
@@ -7,10 +7,11 @@ from estimator.kernels.compiled import Floats, compiled
 
 @compiled("b1(f8[:, :, ::1], f8, f8)")
 def calm(means: Floats, motion_var: float, scatter: float) -> bool:
-    """Return whether means of k seconds scatter as little as in one rest: below `scatter` times the expected variance.
+    """Return True if the means of k seconds scatter as little as in one rest.
 
-    Two means are always calm. means (k, 2, 3): means, rad/s, and their variances, (rad/s)². motion_var, (rad/s)²:
-    variance of a resting body's motion, added to these.
+    means (k, 2, 3): means (rad/s), and their variances ((rad/s)²).
+    motion_var: variance of a resting body's motion, (rad/s)², added to these.
+    scatter: limit for the ratio of observed to expected variance. Two means always pass.
     """
     k = len(means)
     if k <= 2:
@@ -29,7 +30,7 @@ def calm(means: Floats, motion_var: float, scatter: float) -> bool:
 
 @compiled("f8[:, ::1](f8[:])")
 def upright(up: Floats) -> Floats:
-    """Orthonormal axes (3, 3) as rows: two across the vertical up (3,), then one along it."""
+    """Orthonormal axes (3, 3) as rows, from the vertical up (3,) of any length: two horizontal axes, then the vertical."""
     axes, least, square = np.zeros((3, 3)), 0, 0.0
     for i in range(3):
         square += up[i] ** 2
@@ -50,7 +51,9 @@ def upright(up: Floats) -> Floats:
 def along(axes: Floats, mean: Floats, var: Floats, common: Floats, n: int) -> tuple[Floats, Floats, Floats, Floats]:
     """Measurement of the bias along axes (m, 3) from a mean rate: z (m,), H (m, n), R (m, m), common variances (m,).
 
-    mean (3,) rad/s has variance var (3,), (rad/s)², of which common (3,) is the error shared by all means.
+    mean (3,): rad/s. var (3,): its variance, (rad/s)². common (3,): part of var from the error that all means share,
+        (rad/s)².
+    n: number of states of the filter.
     """
     m = len(axes)
     z, H, R, shared = np.zeros(m), np.zeros((m, n)), np.zeros((m, m)), np.zeros(m)
@@ -66,10 +69,10 @@ def along(axes: Floats, mean: Floats, var: Floats, common: Floats, n: int) -> tu
 
 @compiled("Tuple((f8[::1], f8[:, ::1]))(f8[:, ::1], f8[:, :, ::1], f8[:])")
 def together(z: Floats, R: Floats, common: Floats) -> tuple[Floats, Floats]:
-    """Weighted mean (m,) and covariance (m, m) of measurements z (k, m) with covariances R (k, m, m) and common variances (m,).
+    """Weighted mean (m,) and covariance (m, m) of k measurements z (k, m), with weights of inverse variance.
 
-    Weights are inverse variances. In a plain mean the uncertain first seconds could hide a turn that later seconds
-    show.
+    R (k, m, m): covariances. common (m,): variance of the error that all measurements share. Units: rad/s and (rad/s)².
+    In a plain mean the uncertain first seconds could hide a turn that later seconds show.
     """
     k, m = z.shape
     mean, cov, worth, square = np.zeros(m), np.zeros((m, m)), np.empty(k), 0.0

@@ -1,11 +1,16 @@
 """Overlapping Allan variance, and the three noise coefficients fitted to it, each with a 95 % interval.
 
-With angle random walk N, bias instability B and rate random walk K, and a steady drift R where these do not suffice,
+Model of the Allan variance σ² (rad/s)² at averaging time τ (s):
 
     σ²(τ) = N²/τ + B² (2 ln 2)/π + K² τ/3 + R² τ²/2          IEEE Std 952-1997, annex C; El-Sheimy, Hou and Niu 2008
 
+    N   angle random walk, rad/s/√Hz
+    B   bias instability, rad/s
+    K   rate random walk, rad/s/√s
+    R   steady drift, rad/s², used only where the other three do not explain the data
+
 An estimate with ν degrees of freedom is distributed as σ² χ²/ν. The fit to the octaves of τ is maximum likelihood with
-non-negative squares. An interval is a profile likelihood: it ends where the likelihood, maximised over the other
+non-negative squares. An interval is a profile likelihood. It ends where the likelihood, maximised over the other
 coefficients, has fallen by the 95 % quantile.
 """
 
@@ -30,12 +35,12 @@ _WHITE = 0.75
 
 
 def octaves(n: int) -> list[int]:
-    """Averaging factors 1, 2, 4 … (numbers of samples) up to a third of n samples."""
+    """Averaging factors of the Allan variance: 1, 2, 4 … samples, up to a third of n samples."""
     return [1 << k for k in range(max(n // 3, 1).bit_length())]
 
 
 def overlapping(rate: Floats, factors: Sequence[int]) -> Floats:
-    """Overlapping Allan variance (m, …), in the unit of the rate squared, of evenly sampled rates (n, …).
+    """Overlapping Allan variance (m, …) of evenly sampled rates (n, …), in the square of their unit.
 
     factors (m,): averaging times in samples, at most n / 2. Source: NIST SP 1065, eq. 11.
     """
@@ -59,7 +64,7 @@ def degrees_of_freedom(n: int, factors: Sequence[int]) -> Floats:
 
 
 def interval(variance: Floats, freedom: Floats) -> tuple[Floats, Floats]:
-    """Lower and upper end of the 95 % confidence interval of estimated variances, (m,) each.
+    """Lower and upper end of the 95 % confidence interval of estimated variances, (m,) each, in their unit.
 
     variance (m,): the estimates. freedom (m,): their degrees of freedom.
     Source: NIST SP 1065, eq. 45.
@@ -69,7 +74,10 @@ def interval(variance: Floats, freedom: Floats) -> tuple[Floats, Floats]:
 
 @dataclass(frozen=True, slots=True)
 class Coefficient:
-    """Noise coefficient in SI units with its 95 % interval; low is 0 where the record does not show the noise."""
+    """Noise coefficient with its 95 % interval, in the SI unit of its field in `Noise`.
+
+    low is 0 where the record does not show the noise.
+    """
 
     value: float
     low: float
@@ -85,10 +93,12 @@ class Coefficient:
 class Noise:
     """Noise of one axis, from its Allan deviation.
 
-    arw rad/s/√Hz; bias_instability rad/s; rrw rad/s/√s; drift rad/s², 0 where the fit needs none.
-    tau (m,) s: the octaves. deviation (m,) rad/s at these; low and high (m,) rad/s: its 95 % interval.
-    fitted_from: shortest τ, s, that the model explains; below it the device's own filter shapes the noise.
-    misfit: about 1 where the model explains the other octaves.
+    arw: angle random walk, rad/s/√Hz. bias_instability: rad/s. rrw: rate random walk, rad/s/√s.
+    drift: steady drift, rad/s²; 0 where the fit needs none.
+    tau (m,): averaging times (octaves), s. deviation (m,): Allan deviation at these, rad/s.
+    low, high (m,): ends of its 95 % interval, rad/s.
+    fitted_from: shortest averaging time that the model explains, s. Below it the device's own filter shapes the noise.
+    misfit: ratio, no unit; about 1 where the model explains the octaves used.
     """
 
     arw: Coefficient
@@ -103,15 +113,16 @@ class Noise:
     misfit: float
 
     def model(self, tau: Floats) -> Floats:
-        """Allan deviation (m,) rad/s of the fitted model at averaging times tau (m,)."""
+        """Allan deviation (m,) of the fitted model, rad/s, at averaging times tau (m,), s."""
         sizes = np.array([self.arw.value, self.bias_instability.value, self.rrw.value, self.drift])
         return np.asarray(np.sqrt(sizes**2 @ shapes(tau) ** 2))
 
 
 def shapes(tau: Floats) -> Floats:
-    """Allan deviation (4, m) that each noise would have at averaging times tau (m,), s, with a coefficient of 1.
+    """Allan deviation (4, m) of each kind of noise with coefficient 1, at averaging times tau (m,), s.
 
-    Rows: angle random walk, bias instability, rate random walk, drift.
+    Rows: angle random walk, bias instability, rate random walk, drift. Times the coefficient in its SI unit, each row
+        is in rad/s.
     """
     return np.sqrt(_terms(tau)).T
 
@@ -119,7 +130,7 @@ def shapes(tau: Floats) -> Floats:
 def identify(rate: Floats, rate_hz: float) -> Noise:
     """Identify the noise of one axis at rest from evenly sampled rates (n,), rad/s, at rate_hz samples a second.
 
-    The rates must not all be equal. Raises ValueError if there are too few.
+    The rates must not all be equal. Raises ValueError for fewer than 96 rates.
     """
     factors = octaves(len(rate))
     if len(factors) < _LEAST_OCTAVES:

@@ -43,10 +43,13 @@ _FOLDERS = (_HERE / "devices", _HERE.parent / "configs" / "devices")  # installe
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NoiseModel:
-    """Noise model of a device kind in SI units; (3,) is x, y, z, a plain number is for all axes.
+    """Noise model of a device kind in SI units; (3,) is x, y, z, and a plain number is for all axes.
 
-    arw (3,) rad/s/√Hz; bias_instability (3,) rad/s; rrw (3,) rad/s/√s; step (3,) rad/s; gyro_range, turn_on_bias rad/s;
-    bias_per_kelvin rad/s/K; scale_tolerance, relative; accel_noise m/s²/√Hz and zero_g m/s², None where unknown.
+    arw (3,): angle random walk, rad/s/√Hz. bias_instability (3,): rad/s. rrw (3,): rate random walk, rad/s/√s.
+    step (3,): rounding step, rad/s. gyro_range: full-scale range, rad/s.
+    turn_on_bias: largest turn-on bias, rad/s. bias_per_kelvin: rad/s/K.
+    scale_tolerance: largest relative deviation of the scale factor from 1.
+    accel_noise (m/s²/√Hz), zero_g (m/s²): accelerometer noise and offset; None where unknown.
     """
 
     model: str
@@ -114,7 +117,7 @@ class _File(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 def load_model(name: str | Path) -> NoiseModel:
     """Load the noise model of a device kind: by name if it comes with truerate, else by the path of its .toml file.
 
-    Raises ConfigError for an unknown name and an invalid file.
+    Raises ConfigError for an unknown name or an invalid file.
     """
     file = load(file_of(name, "device model", _FOLDERS), _File)
     gyro, accel = file.gyro, file.accel
@@ -134,9 +137,9 @@ def load_model(name: str | Path) -> NoiseModel:
 
 
 def model_stated(words: str) -> str:
-    """Name of the shipped model that a device states in its own words, `Arduino Nano 33 BLE (LSM9DS1)`.
+    """Name of the shipped device model that a device's description mentions, such as `Arduino Nano 33 BLE (LSM9DS1)`.
 
-    Empty if none.
+    Empty if it mentions none.
     """
     return next((name for name, pattern in _spoken().items() if pattern.search(words)), "")
 
@@ -159,9 +162,9 @@ def shipped() -> dict[str, Path]:
 
 
 def as_toml(model: NoiseModel, origin: Mapping[str, str], head: str) -> str:
-    """Write a device model as TOML text that load_model reads, each value in the file's units with a comment.
+    """Format a device model as TOML text that load_model reads, each value in the file's units with a comment.
 
-    origin: for each field, a comment that says where its value comes from. head: comment at the top of the file.
+    origin: by field, a comment on the source of its value. head: comment at the top of the file.
     """
     gyro = {
         "arw_dps_per_sqrt_hz": ("arw", np.degrees(model.arw)),

@@ -1,16 +1,18 @@
 """Attitude of a device, sample by sample: gyro strapdown, levelled by gravity, with a covariance of its error.
 
-Earth axes: z up, x and y horizontal. The heading counts from a zero: where the attitude began, or was last reset.
+Earth axes: z up, x and y horizontal. The heading counts from its zero: the start of the attitude, or the last reset.
 Without an accelerometer the attitude is relative to that of the first sample.
 
 Levelling: the specific force is averaged in earth axes, which turn with the gyro's errors only (D. Laidig and T. Seel,
-"VQF: Highly accurate IMU orientation estimation with bias estimation and magnetic disturbance rejection", Information Fusion
-91 (2023), eqs. 4 to 10). In place of VQF's fixed low-pass, a Kalman filter of tilt and velocity measures the wearer's
-velocity as zero, with a variance that grows with the motion (as tracking/gravity.py). Its gain assumes a usual gyro.
+"VQF: Highly accurate IMU orientation estimation with bias estimation and magnetic disturbance rejection", Information
+Fusion 91 (2023), eqs. 4 to 10). VQF uses a fixed low-pass filter. Here a Kalman filter of tilt and velocity measures
+the wearer's velocity as zero instead. The variance of this measurement grows with the motion, as in
+tracking/gravity.py. The filter gain is computed for a typical gyro.
 
-Covariance: what this gain does to the errors the gyro really has. Bias, matrix and accelerometer bias are constant unknowns;
-the sensitivity of the attitude to each is carried along ("consider" states, S. F. Schmidt, "Application of state-space
-methods to navigation problems", Advances in Control Systems 3 (1966); Joseph's form for the noise).
+Covariance: the effect of this gain on the errors of the actual gyro. Bias, matrix and accelerometer bias are constant
+unknowns. The filter propagates the sensitivity of the attitude to each of them ("consider" states, S. F. Schmidt,
+"Application of state-space methods to navigation problems", Advances in Control Systems 3 (1966)). The noise uses
+Joseph's form.
 """
 
 from collections.abc import Sequence
@@ -57,11 +59,12 @@ _SETTINGS = np.array(
 
 
 class Oriented(NamedTuple):
-    """Attitudes of n samples.
+    """Attitudes of n samples, with acceleration and covariance.
 
-    quat_wxyz (n, 4): sensor to earth, scalar first. accel (n, 3): acceleration without gravity, earth axes, m/s², NaN
-    without an accelerometer. cov (n, 6), or (1, 6) of the last sample: covariance of the attitude error, a small rotation in
-    earth axes from the estimated to the true attitude, rad²: xx, xy, xz, yy, yz, zz.
+    quat_wxyz (n, 4): rotation from sensor to earth axes, scalar first.
+    accel (n, 3): acceleration without gravity in earth axes, m/s²; NaN without an accelerometer.
+    cov (n, 6), or (1, 6) for the last sample only: covariance xx, xy, xz, yy, yz, zz of the attitude error, rad². The
+    error is a small rotation in earth axes from the estimated to the true attitude.
     """
 
     quat_wxyz: Floats
@@ -70,26 +73,27 @@ class Oriented(NamedTuple):
 
     @property
     def tilt_std(self) -> Floats:
-        """(n,) or (1,) rad: rms angle between the true and the estimated vertical."""
+        """Rms angle between the true and the estimated vertical, rad, (n,) or (1,) as `cov`."""
         return np.asarray(np.sqrt(self.cov[:, 0] + self.cov[:, 3]))
 
     @property
     def heading_std(self) -> Floats:
-        """(n,) or (1,) rad: standard deviation of the heading, counted from its zero."""
+        """Standard deviation of the heading since its zero, rad, (n,) or (1,) as `cov`."""
         return np.asarray(np.sqrt(self.cov[:, 5]))
 
     @property
     def rotation(self) -> Rotation:
-        """The n rotations from sensor to earth axes; `rotation.apply(v)` gives a sensor's vector in earth axes."""
+        """Rotations of the n samples from sensor to earth axes; `rotation.apply(v)` gives sensor vectors in earth axes."""
         return Rotation.from_quat(self.quat_wxyz, scalar_first=True)
 
 
 def known(model: GyroModel, bias_std: Floats, std: Floats, flicker: float, walk: float, accel: Floats) -> Floats:
-    """Pack sensor errors and their uncertainties into one array (38,), as `Attitude` needs it.
+    """Pack a gyro model, sensor errors and their uncertainties into one array (38,), the input of `Attitude`.
 
-    bias_std (3,) and flicker, rad/s: of the bias and its instability. std (12,): standard deviations of the matrix,
-    relative, row by row, and of the accelerometer's bias, m/s². walk: rate random walk, rad/s per root second. accel
-    (6,): bias, m/s², and scale of the accelerometer: corrected = scale (reading - bias).
+    bias_std (3,): standard deviation of the bias, rad/s. flicker: that of the bias instability, rad/s.
+    std (12,): standard deviations of the matrix (9, relative, by rows) and of the accelerometer bias (3, m/s²).
+    walk: rate random walk, rad/s per root second.
+    accel (6,): bias (3, m/s²) and scale (3) of the accelerometer: corrected = scale (reading - bias).
     """
     return np.concatenate([model.matrix.ravel(), model.bias, bias_std, std, model.noise_std, [flicker, walk], accel])
 
@@ -97,8 +101,9 @@ def known(model: GyroModel, bias_std: Floats, std: Floats, flicker: float, walk:
 class Attitude:
     """Attitude of one device in one boot, integrated sample by sample.
 
-    state (120,): the complete state, which may be saved and given back; None begins a new attitude.
-    zero: why the heading was zero last: `start`, or who reset it. Raises ValueError for a damaged state.
+    state (120,): the complete state, which may be saved and passed again; None begins a new attitude.
+    zero: reason for the zero of the heading: `start`, or the name of the person who reset it.
+    Raises ValueError for a damaged state.
     """
 
     def __init__(self, state: Floats | None = None, zero: str = "start") -> None:
@@ -123,31 +128,35 @@ class Attitude:
 
     @property
     def heading(self) -> float:
-        """Heading since its zero, rad, -π to π: the rotation about the vertical that is left when the tilt is undone."""
+        """Heading since its zero, rad, -π to π: the rotation about the vertical that remains after removing the tilt."""
         w, _, _, z = self.state[loop.QUAT : loop.VELOCITY].tolist()
         return float(np.arctan2(2 * w * z, w * w - z * z))
 
     @property
     def cov(self) -> Floats:
-        """(3, 3) covariance of the attitude error at the last sample: a small rotation in earth axes, rad²."""
+        """Covariance (3, 3) of the attitude error at the last sample, rad²; the error is a small rotation in earth axes."""
         cov = np.empty((3, 3))
         cov[_ROWS, _COLUMNS] = cov[_COLUMNS, _ROWS] = self.state[loop.COV : loop.COV + 6]
         return cov
 
     def take(self, rows: Floats, known: Floats) -> Oriented:
-        """Integrate the attitude over samples; return attitude, acceleration, m/s², and covariance, rad², at each.
+        """Integrate the attitude over n samples; return attitude, acceleration (m/s²) and covariance (rad²) at each.
 
-        rows (n, 9): columns of samples/sample_buffer.py. known (38,): result of the function `known`.
+        rows (n, 9): device time (s), gyro (3, rad/s), accelerometer (3, m/s²), clipped (0 or 1), temperature (°C).
+        known (38,): sensor errors, result of the function `known`.
         """
         return orient([(self, rows, known)], every=True)[0]
 
     def traced(self, rows: Floats, known: Floats) -> tuple[Oriented, Floats]:
-        """Integrate the attitude over samples as `take` does; also return the trace (n, 11) for `smoothing.smooth`."""
+        """Integrate the attitude over n samples as `take` does; also return the trace (n, 11) for `smoothing.smooth`."""
         trace = np.empty((len(rows), loop.TRACE))
         return _carry([(self, rows, known)], trace, every=True)[0], trace
 
     def reset_heading(self, zero: str = "") -> None:
-        """Make the heading of the last sample zero, with no uncertainty left. zero: name of the person, for messages."""
+        """Set the heading of the last sample to zero, with zero variance.
+
+        zero: name of the person, for messages.
+        """
         self.zero, self.state[loop.ZERO] = zero, self.state[loop.NEXT] - 1
         s, turn = self.state, Rotation.from_euler("z", -self.heading)
         matrix = turn.as_matrix()
@@ -166,9 +175,10 @@ class Attitude:
 def orient(due: Sequence[tuple[Attitude, Floats, Floats]], *, every: bool = False) -> list[Oriented]:
     """Integrate attitudes over samples of any number of devices, in one compiled loop; return one result per element.
 
-    due: elements (attitude, rows (n, 9) of samples/sample_buffer.py, known (38,)). A device may come several times, in
-    order. The bits do not depend on how samples are batched. every: whether each sample's covariance is wanted, or only
-    that of the last one of each.
+    due: elements (attitude, rows (n, 9), known (38,)), as for `Attitude.take`. A device may come several times, in the
+        order of time.
+    every: True for the covariance (rad²) at each sample, False for that at the last sample of each element.
+    The bits do not depend on how samples are split into calls.
     """
     return _carry(due, np.empty((0, loop.TRACE)), every=every) if due else []
 

@@ -1,4 +1,4 @@
-"""Smooths attitudes: later samples improve the levelling of earlier ones (Rauch, Tung and Striebel)."""
+"""Smoothing of attitudes: later samples improve the levelling of earlier ones (Rauch, Tung and Striebel)."""
 
 import numpy as np
 
@@ -8,10 +8,12 @@ from estimator.orientation.attitude import G, Oriented
 
 
 def smooth(real_time: Oriented, trace: Floats, accel_std: Floats) -> Oriented:
-    """Smooth attitudes: improve the tilt of n real-time attitudes by later samples; the heading stays as it is.
+    """Smooth attitudes: improve the tilt of n real-time attitudes by later samples; the heading does not change.
 
-    real_time, trace (n, 11): both from `Attitude.traced`. accel_std (3,), m/s²: bias of the accelerometer. The tilt's
-    variance shrinks as that of its noise does, except for what the accelerometer's bias tilts.
+    real_time, trace (n, 11): both from `Attitude.traced`.
+    accel_std (3,): standard deviation of the accelerometer bias, m/s².
+    The variance of the tilt shrinks in the same ratio as its noise. The part from the accelerometer bias does not
+    shrink.
     Source: H. E. Rauch, F. Tung, C. T. Striebel, "Maximum likelihood estimates of linear dynamic systems", AIAA Journal
     3 (1965).
     """

@@ -1,4 +1,1 @@
-"""Samples of one device and boot as columns, the buffer that holds them, and blocks of a second of device time.
-
-Begin at `sample_buffer`.
-"""
+"""Samples of one device and boot as columns, the buffer that holds them, and blocks of a second of device time."""

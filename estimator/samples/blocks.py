@@ -1,4 +1,7 @@
-"""Device time cut into blocks of half a second or a second, at the same samples for any batching."""
+"""Cutting of samples into blocks of half a second or a second of device time.
+
+The cuts are at the same samples, however the samples are split into messages.
+"""
 
 from bisect import bisect_left
 from collections.abc import Iterable, Iterator
@@ -14,7 +17,7 @@ CLOCK_LOST_S = 1.0
 class Blocks:
     """Cutter of the samples of one boot into blocks of device time; finished blocks go to `buffer`.
 
-    began: device time at the start, s. `latest` is the device time of the last sample, s.
+    began: device time at the start, s. latest: device time of the last sample, s.
     """
 
     def __init__(self, began: float) -> None:
@@ -40,17 +43,17 @@ class Blocks:
 
     @property
     def clock(self) -> tuple[float | None, float]:
-        """Device time of the first sample, None before it, and device time minus the device's clock; both in s.
+        """Device time of the first sample (None before it), and device time minus the device's clock; both in s.
 
         The difference is above 0 once the device's clock went back: see `went_back`.
         """
         return self._first_s, self._later_s
 
     def resume(self, buffer: SampleBuffer, clock: tuple[float | None, float], begun: float | None) -> None:
-        """Continue from saved samples and clock.
+        """Continue from saved samples and a saved clock.
 
-        buffer: the saved samples. clock: as the property `clock` gives it. begun: device time, s, at which the present
-        block begins, or None.
+        buffer: the saved samples. clock: a value of the property `clock`.
+        begun: device time at which the present block begins, s, or None.
         """
         self.buffer, (self._first_s, self._later_s) = buffer, clock
         if begun is not None:
@@ -62,9 +65,10 @@ class Blocks:
         return 0.0 if self._first_s is None else self.latest - self._first_s
 
     def went_back(self, first_s: float, away_s: float) -> bool:
-        """Return whether the device's clock went back; if so, shift device time so that it keeps rising.
+        """Detect that the device's clock went back, and then shift device time so that it keeps rising; return True if so.
 
-        first_s: device clock of the next sample, s. away_s: least time, s, that passed meanwhile according to the host.
+        first_s: device clock of the next sample, s.
+        away_s: least time since the last sample according to the host, s.
         """
         if self._first_s is None or first_s + self._later_s > self.latest:
             return False
@@ -74,8 +78,9 @@ class Blocks:
     def put(self, samples: Samples, skip: int = 0) -> Iterable[tuple[int, float, float]]:
         """Add samples, without the first `skip`, and report each block boundary.
 
-        Yields for the first sample of each new block its index in `samples`, its device time, and the device time of
-        the sample before, both in s. At each boundary the caller must call `end_block`, and may change `length_s`.
+        Yields three values for the first sample of each new block. They are its index in `samples`, its device time
+        (s), and the device time of the sample before (s). At each boundary the caller must call `end_block`, and may
+        change `length_s`.
         """
         rows, places = (samples.rows[skip:], samples.places[skip:]) if skip else (samples.rows, samples.places)
         if self._later_s:
@@ -102,9 +107,10 @@ class Blocks:
         self._block.append((rows[begin:], places[begin:]))
 
     def end_block(self) -> tuple[int, int] | None:
-        """End the block and move its samples to `buffer`; None for an empty block.
+        """End the block and move its samples to `buffer`.
 
-        Returns the numbers of its first sample and of the sample after its last, in the numbering of `buffer`.
+        Returns the number of its first sample and that of the sample after its last, in the numbering of `buffer`.
+        Returns None for an empty block.
         """
         if not self._block:
             return None
@@ -116,7 +122,7 @@ class Blocks:
     def own(self) -> None:
         """Copy the samples of the unfinished block, which otherwise are views of larger arrays.
 
-        Without the copy a silent device would keep all samples in memory that were decoded together with its last ones.
+        Without the copy, a silent device would keep all samples in memory that were decoded in the same array.
         """
         self._block = [(rows.copy(), places.copy()) for rows, places in self._block]
 

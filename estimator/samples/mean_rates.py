@@ -1,4 +1,4 @@
-"""Mean corrected rates at a lower rate: a mean times its interval is the rotation of the samples it stands for. Pure."""
+"""Mean corrected rates (rad/s) at a lower sample rate; a mean times its interval is the integral of its samples."""
 
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -22,14 +22,15 @@ class _Interval:
 
 
 class MeanRates:
-    """Means of one device's corrected rates over intervals of 1/hz device seconds.
+    """Averager of one device's corrected rates over intervals of 1/hz device seconds.
 
-    A mean is a batch of one sample: number and times of the last sample of its interval, the mean rate in rad/s, every
-    flag of the samples, and noise_std of the mean; the other standard deviations do not shrink.
+    hz: rate of the means, Hz.
+    A mean is a batch of one sample, with the number and times of the last sample of its interval. It has the mean rate
+    (rad/s), all flags of the samples, and noise_std (rad/s) of the mean. The other standard deviations stay unchanged,
+    because averaging does not reduce them.
 
-    The intervals end at multiples of 1/hz of the device's clock, so the means do not depend on how the samples are
-    batched or where a stream resumes. A sample covers the time before its tick: at the end of an interval it belongs to
-    that interval.
+    The intervals end at multiples of 1/hz of the device's clock, so the means do not depend on batches or on where a
+    stream resumes. A sample covers the time before its tick: at the end of an interval it belongs to that interval.
     """
 
     def __init__(self, hz: float) -> None:
@@ -37,7 +38,7 @@ class MeanRates:
         self._interval: _Interval | None = None
 
     def add(self, batch: CorrectedBatch) -> list[CorrectedBatch]:
-        """Add the device's next samples; returns the mean of each interval that they end, as batches of one sample."""
+        """Add the device's next samples; return the mean of each interval that they complete, as batches of one sample."""
         numbers = np.ceil(batch.device_time * self._hz - _ROUNDING).astype(np.int64)
         cuts = [0, *(np.flatnonzero(np.diff(numbers)) + 1).tolist(), len(batch)]
         ended: list[CorrectedBatch] = []
@@ -57,7 +58,7 @@ class MeanRates:
         return ended
 
     def flush(self) -> list[CorrectedBatch]:
-        """End the unfinished interval; returns its mean as a list of one batch, or an empty list without samples."""
+        """End the unfinished interval; return its mean as a list of one batch, or an empty list without samples."""
         ended, self._interval = self._interval, None
         if ended is None:
             return []

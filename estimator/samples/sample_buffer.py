@@ -1,4 +1,9 @@
-"""Samples of one device and boot as columns, and the buffer that holds them until the estimator has used them."""
+"""Samples of one device and boot as columns, and the buffer that holds them until the estimator has used them.
+
+Columns of rows (n, 9): device time (s), gyro (3, rad/s), accelerometer (3, m/s², NaN without), clipped (0 or 1),
+    temperature (°C, NaN when unknown).
+Columns of places (n, 3): sequence number, host time (ns since the Unix epoch), flags.
+"""
 
 from collections.abc import Sequence
 from math import isnan
@@ -27,13 +32,13 @@ _ROOM = 256
 class Samples(NamedTuple):
     """Decoded samples of one message: rows (n, 9) float64 and places (n, 3) int64.
 
-    The columns of rows are time (s), gyro (3, rad/s), accel (3, m/s²), clipped (0 or 1) and temperature (°C); those of
-    places are sequence number, host time (ns since the Unix epoch) and flags. The constants of this module number them.
-    sequence: number of the first sample since boot. n: number of samples. receive_time_ns: host time of receipt at the
-    bridge, ns since the Unix epoch.
-    clock_rate: host seconds per second of the device's clock. ticks (uint64) and flags (uint32) are packed as on the
-    wire; flags are empty where none is set.
-    first_s, last_s: device time of the first and the last sample.
+    rows: device time (s), gyro (3, rad/s), accelerometer (3, m/s²), clipped (0 or 1), temperature (°C).
+    places: sequence number, host time (ns since the Unix epoch), flags.
+    sequence: number of the first sample since boot. n: number of samples.
+    first_s, last_s: device time of the first and the last sample, s.
+    receive_time_ns: host time of receipt at the bridge, ns since the Unix epoch.
+    tick_period_s: seconds per tick of the device's clock. clock_rate: host seconds per second of the device's clock.
+    ticks (uint64), flags (uint32): packed as on the wire; flags are empty where none is set.
     """
 
     device: str
@@ -85,7 +90,7 @@ class Samples(NamedTuple):
 class SampleBuffer:
     """Buffer of the samples of one boot, numbered in the order of arrival; the first one has the number `first`.
 
-    These numbers are not sequence numbers. Arrays once returned are never overwritten.
+    These numbers are not sequence numbers. Returned arrays are never overwritten.
     """
 
     def __init__(self, first: int = 0) -> None:
@@ -104,7 +109,10 @@ class SampleBuffer:
         return self._first + self._end
 
     def put(self, parts: Sequence[tuple[Floats, Wholes]]) -> None:
-        """Append samples. parts: pairs of rows (n, 9) and places (n, 3), columns as the constants of this module."""
+        """Append samples.
+
+        parts: pairs of rows (n, 9) and places (n, 3), with columns and units as in `Samples`.
+        """
         rows, places = zip(*parts, strict=True)
         n = sum(map(len, rows))
         if self._end + n > len(self._rows):
@@ -114,11 +122,11 @@ class SampleBuffer:
         np.concatenate(places, out=self._places[begin : self._end])
 
     def rows(self, begin: int, end: int) -> Floats:
-        """Rows (n, 9) of the samples numbered `begin` up to but not including `end`: columns as for Samples."""
+        """Rows (n, 9) of the samples numbered `begin` up to but not including `end`; columns and units as in `Samples`."""
         return self._rows[begin - self._first : end - self._first]
 
     def places(self, begin: int, end: int) -> Wholes:
-        """Places (n, 3) of the samples numbered `begin` up to but not including `end`: columns as for Samples."""
+        """Places (n, 3) of the samples numbered `begin` up to but not including `end`: sequence number, host time (ns), flags."""
         return self._places[begin - self._first : end - self._first]
 
     def place(self, number: int) -> tuple[int, int]:
@@ -132,7 +140,7 @@ class SampleBuffer:
         return self._places.item(at, SEQUENCE), self._places.item(at, HOST_NS)
 
     def forget(self, number: int) -> None:
-        """Drop the samples whose number in the buffer is below `number`."""
+        """Drop the samples numbered below `number` in the buffer."""
         self._begin = max(self._begin, number - self._first)
 
     def _make_room(self, more: int) -> None:

@@ -1,4 +1,1 @@
-"""Stillness detection: windows of samples judged against the device's own noise; single-sample spikes are mended.
-
-Begin at `detector`.
-"""
+"""Stillness detection: windows of samples judged against the device's own noise; single-sample spikes are corrected."""

@@ -1,8 +1,8 @@
 """Stillness detector: cuts the sample stream into short windows and judges each as still or moving.
 
-A window is compared with the device's own noise, and its mean with the mean of the last rest instead of zero. A large
-turn-on bias is therefore not a movement. A spike, a single reading far from both its neighbours, is not a movement
-either; it is replaced by their mean.
+A window is still if its scatter is within a multiple of the device's own noise, and if its mean is near that of the
+last rest. The comparison is not with zero, so a large turn-on bias does not count as movement.
+A spike is a single reading far from both its neighbours. It is replaced by their mean, and does not count as movement.
 """
 
 from collections.abc import Iterator
@@ -44,9 +44,9 @@ SPIKE_FAR, SPIKE_FACTOR, SPIKE_ALONE = radians(200.0), 10.0, 1.5
 
 
 def too_seldom(rate_hz: float) -> Sentences:
-    """Return the reason why a stream of rate_hz samples a second is never judged still; () if the rate is high enough.
+    """Reason text that a sample rate is too low for stillness detection; empty if the rate is high enough.
 
-    With a gap of GAP_S or more between samples, a movement may hide between any two.
+    rate_hz: sample rate, Hz. With GAP_S (0.25 s) or more between samples, a movement may hide between any two.
     """
     least = 1 / GAP_S
     if not 0 < rate_hz < 1.05 * least:  # margin of 5 %: at exactly the least rate some samples come late
@@ -55,12 +55,14 @@ def too_seldom(rate_hz: float) -> Sentences:
 
 
 class Window(NamedTuple):
-    """A short run of n samples, judged still or moving: rows (n, 9) as in samples/sample_buffer.py, spikes mended.
+    """Short run of n samples, judged still or moving, with spikes corrected.
 
-    start, end: numbers of the first sample and of the one after the last, counted from the first sample fed.
+    rows (n, 9): device time (s), gyro (3, rad/s), accelerometer (3, m/s²), clipped (0 or 1), temperature (°C).
+    start, end: numbers of the first sample and of the one after the last, counted from the first sample of the stream.
     start_time, end_time: device time of the first and the last sample, s.
-    summed (12,): mean of gyro (3, rad/s) and accel (3, m/s²), then their standard deviations. spikes: number of samples
-    mended. aided: whether every sample has an accelerometer reading.
+    summed (12,): mean of gyro (3, rad/s) and accelerometer (3, m/s²), then their standard deviations.
+    spikes: number of samples corrected.
+    still: True if the window was judged still. aided: True if every sample has an accelerometer reading.
     """
 
     start: int
@@ -90,12 +92,12 @@ class Window(NamedTuple):
 
 
 class Windows:
-    """Consecutive windows of rows (n, 9) as in samples/sample_buffer.py, and their judgements `found` (m, 22).
+    """Consecutive windows of a stream, with their judgements.
 
-    found: as described in kernels/stillness.py.
-
-    first: number of rows[0], counted from the first sample fed. begin: index in rows of the first window's first
-    sample.
+    rows (n, 9): device time (s), gyro (3, rad/s), accelerometer (3, m/s²), clipped (0 or 1), temperature (°C).
+    found (m, 22): one row per window, columns as in kernels/stillness.py.
+    first: number of rows[0], counted from the first sample of the stream.
+    begin: index in rows of the first window's first sample.
     """
 
     __slots__ = ("begin", "first", "found", "rows")
@@ -117,15 +119,15 @@ class Windows:
         return Window(first + begin, first + end, begun, ended, rows, summed, int(spikes), still > 0, aided > 0)
 
     def part(self, index: int, end: int | None = None) -> "Windows":
-        """The windows from index `index` up to but not including `end` (all that follow if None).
+        """Select the windows from index `index` up to but not including `end` (None: all that follow).
 
-        The rows are shared.
+        The result shares the rows.
         """
         return Windows(self.found[index:end], self.rows, self.first, self._behind(index))
 
     @property
     def heads(self) -> list[tuple[float, float, int, bool]]:
-        """For each window: begin and end in device time, s, number of its last sample, and whether it is still."""
+        """Tuples for each window: start and end in device time (s), number of its last sample, and True if it is still."""
         first = self.first - 1
         return [
             (begun, ended, first + int(end), still > 0) for begun, ended, end, _, still in self.found[:, :5].tolist()
@@ -133,7 +135,10 @@ class Windows:
 
     @property
     def samples(self) -> tuple[int, Floats]:
-        """Number of the first sample, and the rows (n, 9) of all windows: columns of samples/sample_buffer.py."""
+        """Number of the first sample, and the rows (n, 9) of all windows.
+
+        Columns: device time (s), gyro (3, rad/s), accelerometer (3, m/s²), clipped (0 or 1), temperature (°C).
+        """
         end = int(self.found.item(-1, 2)) if len(self) else self.begin
         return self.first + self.begin, self.rows[self.begin : end]
 
@@ -144,7 +149,7 @@ class Windows:
         return float(moving[-1]) if len(moving) else None
 
     def noise_std(self, index: int) -> Floats:
-        """White noise (3,) of one gyro reading, rad/s, as known when window `index` closed."""
+        """Standard deviation (3,) of the white noise of one gyro reading, rad/s, as known when window `index` closed."""
         return self.found[index, NOISE]
 
     def _behind(self, index: int) -> int:
@@ -155,8 +160,9 @@ class Windows:
 class StillnessState(StateStruct):
     """Saved state of the stillness detector.
 
-    state (5, 4) and recent (16, 7): see kernels/stillness.py. noise_std (3,) rad/s: noise of one reading; noise_known:
-    whether a rest has shown it. next: number of the first sample of the next window.
+    state (5, 4), recent (16, 7): arrays of kernels/stillness.py.
+    noise_std (3,): standard deviation of one gyro reading at rest, rad/s. noise_known: True if a rest has shown it.
+    next: number of the first sample of the next window.
     """
 
     state: Floats
@@ -169,8 +175,8 @@ class StillnessState(StateStruct):
 class Stillness:
     """Stillness detector: cuts samples into windows, and judges each as still or moving.
 
-    noise_guess: rad/s, white noise of one reading, until a rest has shown it. Window boundaries depend on the samples
-    alone, never on their batching.
+    noise_guess: standard deviation of one gyro reading at rest, rad/s, assumed until a rest has shown it.
+    Window boundaries depend on the samples alone, never on how they are split into calls.
     """
 
     def __init__(self, noise_guess: float = NOISE_GUESS) -> None:
@@ -187,7 +193,7 @@ class Stillness:
         return StillnessState(self._state, self._recent, self.noise_std, self.noise_known, self._next)
 
     def resume(self, saved: StillnessState) -> None:
-        """Continue from a saved state. Raises ValueError for a damaged one."""
+        """Continue from a saved state. Raises ValueError for a damaged state."""
         shaped(saved.state, *self._state.shape)
         shaped(saved.recent, *self._recent.shape)
         shaped(saved.noise_std, 3, finite=True)
@@ -204,10 +210,10 @@ class Stillness:
         clipped: Flags | None = None,
         celsius: NDArray[np.floating] | None = None,
     ) -> Windows:
-        """Add samples and return the windows that they complete, each judged still or moving.
+        """Add n samples and return the windows that they complete, each judged still or moving.
 
-        time (n,) s, gyro (n, 3) rad/s, accel (n, 3) m/s² or None, clipped (n,) bool or None for no clipped reading,
-        celsius (n,) °C or None.
+        time (n,): device time, s. gyro (n, 3): rad/s. accel (n, 3): m/s², or None.
+        clipped (n,): bool; None means that no reading is clipped. celsius (n,): °C, or None.
         """
         rows = np.full((len(time), WIDTH), np.nan)
         rows[:, TIME], rows[:, GYRO] = time, gyro
@@ -224,7 +230,7 @@ class Stillness:
     def take(self, buffer: SampleBuffer, end: int) -> Windows:
         """Judge the samples of a shared buffer before number `end`; return the windows that they complete.
 
-        Spikes are mended in the buffer. Do not mix with `feed`, which has a buffer of its own.
+        Spikes are corrected in the buffer. Do not mix with `feed`, which has a buffer of its own.
         """
         first = self._next
         waiting = buffer.rows(first, end)

@@ -1,4 +1,4 @@
-"""Studies that reproduce the paper: scenario → table → figure, seeded and resumable.
+"""Studies that reproduce Wang et al. 2024 ("the paper", see calibration/turn360.py): scenario → table → figure.
 
-Begin at `study` (what a study is) and `runner`; `paper` lists the paper's claims.
+All studies are seeded and resumable. `study` defines a study, `runner` runs it, and `report` lists the paper's claims.
 """

@@ -1,6 +1,6 @@
-"""Error analysis of the paper in numbers: effect of each cause on the scale factor, compared with the best possible.
+"""Error analysis: effect of each cause (noise, rate, hand, times) on the scale factor, compared with the Cramér-Rao bound.
 
-The causes are varied one at a time about the paper's simulation, for Algorithm 1, closure and the Cramér-Rao bound.
+The causes are varied one at a time about the simulation of Wang et al. 2024, for Algorithm 1 and for closure.
 """
 
 from collections.abc import Sequence
@@ -22,9 +22,12 @@ Key = Literal["noise_dps", "rate_hz", "wobble_deg", "replacement_deg", "turn_s",
 
 
 class Factor(Struct, frozen=True, forbid_unknown_fields=True):
-    """A varied cause: key that takes the values, axis label, and other differences from the base.
+    """Varied cause of an error: the key that takes the values, its axis label, and other differences from the base.
 
-    rate_hz: the noise of a sample follows the rate, at constant noise density. session_s: scales rests and turns together.
+    The key's suffix is the unit of the values. rate_hz: the noise of a sample grows with the root of the rate, at
+    constant noise density. session_s: scales rests and turns together.
+    wobble_deg: wobble of the hand, degrees. sampling: sensors that average over a sample (`mean`) or sample a point.
+    log: True for a logarithmic axis in the figure.
     """
 
     name: str
@@ -37,7 +40,7 @@ class Factor(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Base(Struct, frozen=True, forbid_unknown_fields=True):
-    """Noise (°/s), rate (Hz), and lengths of rests and turns (s) of sessions in which they are not varied."""
+    """Values where a cause is not varied: noise (°/s), sample rate (Hz), and lengths of rests and turns (s)."""
 
     noise_dps: float
     rate_hz: float
@@ -56,8 +59,10 @@ class AnalysisScenario(Scenario, frozen=True, kw_only=True):
 class Row(Struct, frozen=True):
     """Results for one value of a cause and one method, over all sessions.
 
-    k_rms, b_rms: rms errors of k and of b (°/s). k_mean ± k_mean_ci: mean error of k and its 95 % interval.
-    k_bound, b_bound: rms Cramér-Rao bounds. nees: of closure, per degree of freedom; None for Algorithm 1.
+    k_rms, b_rms: rms errors of the scale factors k (no unit) and the bias b (°/s).
+    k_mean ± k_mean_ci: mean error of k and its 95 % interval.
+    k_bound, b_bound: rms Cramér-Rao bounds, in the same units.
+    nees: of closure, per degree of freedom; None for Algorithm 1.
     """
 
     factor: str
@@ -82,19 +87,19 @@ class Analysis(Struct, frozen=True):
     rows: list[Row]
 
     def of(self, factor: str, method: str, sampling: str = "mean") -> list[Row]:
-        """Return the rows of a factor by one method and sampling, in the order of the values."""
+        """Rows of a factor by one method and sampling, in the order of the values."""
         return [r for r in self.rows if (r.factor, r.method, r.sampling) == (factor, method, sampling)]
 
 
 def jobs(of: AnalysisScenario) -> Sequence[Job]:
-    """Return the jobs (factor, value, sampling), highest rates first, as they take longest."""
+    """Jobs (factor, value, sampling) of the study, highest sample rates first, as they take longest."""
     found: list[Job] = [(f.name, value, how) for f in of.factors for value in f.values for how in f.sampling]
     keys = {f.name: f.key for f in of.factors}
     return sorted(found, key=lambda job: -float(job[1]) if keys[str(job[0])] == "rate_hz" else 0.0)
 
 
 def plan_of(of: AnalysisScenario, job: Job) -> PaperPlan:
-    """Return the plan of the simulated sessions of one job: the base values, with the job's value of its factor."""
+    """Plan of the simulated sessions of one job: the base values, with the job's value of its factor."""
     factor = next(f for f in of.factors if f.name == job[0])
     base, value = of.base, float(job[1])
     varied = msgspec.structs.asdict(base) | {"wobble_deg": factor.wobble_deg, "replacement_deg": 0.0}
@@ -111,7 +116,7 @@ def plan_of(of: AnalysisScenario, job: Job) -> PaperPlan:
 
 
 def work(of: AnalysisScenario, job: Job) -> Arrays:
-    """Run one job for all parameter sets; the arrays, one row a session, are those of `simulation.run`."""
+    """Run one job for all parameter sets; return the arrays of `simulation.run`, one row per session."""
     plan = plan_of(of, job)
     counts = [of.runs // of.sets + (number < of.runs % of.sets) for number in range(of.sets)]
     # Equal random numbers for each value of a factor, as far as possible: only the factor makes the difference.
@@ -125,7 +130,10 @@ def work(of: AnalysisScenario, job: Job) -> Arrays:
 
 
 def results(of: AnalysisScenario, parts: Parts) -> Analysis:
-    """Compute rms errors, bounds and NEES for each factor, value and method from the arrays of all jobs."""
+    """Compute rms errors, bounds and NEES for each factor, value and method from the arrays of all jobs.
+
+    Errors of the scale factors k have no unit, those of the bias b are in °/s.
+    """
     rows = []
     for factor in of.factors:
         for how in factor.sampling:
@@ -158,7 +166,7 @@ def _rows(factor: str, value: float, how: Sampling, part: Arrays) -> list[Row]:
 
 
 def tables(found: Analysis) -> Sequence[RenderableType]:
-    """Return one table of the rms error of the scale factors k, with a row for each value of each factor."""
+    """Build one table of the rms error of the scale factors k (no unit), with a row for each value of each factor."""
     names = {"cause": 0, "value": 0, "samples": 3, "Algorithm 1": 0, "closure": 0, "bound": 0, "NEES": 2}
     table = Columns(
         [Column(name, number=name not in ("cause", "samples"), spare=spare) for name, spare in names.items()],
@@ -176,7 +184,7 @@ def tables(found: Analysis) -> Sequence[RenderableType]:
 
 
 def findings(found: Analysis) -> Sequence[Finding]:
-    """Judge the paper's claims on noise, discretization and hand motion, from the factors of the study's own file."""
+    """Judge the claims of Wang et al. 2024 on noise, discretization and hand motion, for the study's own scenario."""
     return _of_noise(found.of("noise", "algorithm1")), _of_rate(found), _of_hand(found)
 
 

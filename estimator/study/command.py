@@ -1,4 +1,4 @@
-"""Run the studies for the commands `truerate study NAME` and `truerate study all`."""
+"""Execution of the studies for the commands `truerate study NAME` and `truerate study all`."""
 
 from pathlib import Path
 from typing import Any
@@ -31,9 +31,11 @@ def run_one(
 ) -> None:
     """Run one study, with its own scenario or another, and save it in OUT/NAME.
 
+    config: name or file of another scenario.
+    runs: overrides its number of runs. quick: True for few runs.
+    workers: number of processes; None for one per processor.
+    recording: session for the study `real`.
     Raises ConfigError for an unusable scenario.
-    config: name or file of another scenario. runs: overrides its number of runs; quick: few runs. workers: number of
-    processes, None for one per processor. recording: session for the study `real`.
     """
     scenario = _scenario(name, config, runs, quick=quick)
     if isinstance(scenario, RealScenario):
@@ -54,9 +56,11 @@ def run_all(
     recording: Path | None = None,
     runs: int | None = None,
 ) -> None:
-    """Run all studies and write OUT/report.html; `real` only with a recording.
+    """Run all studies and write OUT/report.html; the study `real` runs only with a recording.
 
-    runs: overrides the number of runs of each study. workers: number of processes, None for one per processor.
+    runs: overrides the number of runs of each study. quick: True for few runs.
+    workers: number of processes; None for one per processor.
+    Raises ConfigError for an unusable scenario.
     """
     runner = Runner(console, out, workers)
     done = []

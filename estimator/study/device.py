@@ -1,4 +1,4 @@
-"""Simulated sensors of the paper: truth from the paper's turntable column, noise from configs/devices."""
+"""Simulated sensors of Wang et al. 2024: truth from the paper's turntable results, noise from configs/devices."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -23,7 +23,10 @@ _USUAL_ACCEL_NOISE = 0.02
 
 
 class PaperColumn(Struct, frozen=True, forbid_unknown_fields=True):
-    """Result of one method in the paper's tables 2 and 3: k, b with the paper's sign (°/s), and duration (s)."""
+    """Result of one method in tables 2 and 3 of Wang et al. 2024: k (no unit), b with the paper's sign (°/s), duration (s).
+
+    The paper's b is minus the bias.
+    """
 
     k: Axes
     b_dps: Axes
@@ -39,9 +42,11 @@ class _File(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
 
 class Device(Struct, frozen=True, kw_only=True):
-    """A simulated sensor. zero_g: ± limit of the accelerometer's offset, m/s².
+    """Simulated sensor with its errors.
 
-    paper: columns of the paper's table by method; `turntable` is the truth.
+    rate_hz: sample rate, Hz. spec: noise model.
+    zero_g: ± limit of the accelerometer's offset, m/s².
+    paper: columns of the paper's table by method; `turntable` is the truth of the simulation.
     """
 
     name: str
@@ -53,19 +58,19 @@ class Device(Struct, frozen=True, kw_only=True):
 
     @property
     def k(self) -> Floats:
-        """(3,) true scale factors."""
+        """True scale factors (3,), no unit."""
         return np.array(self.paper["turntable"].k)
 
     @property
     def b_dps(self) -> Floats:
-        """(3,) true b with the paper's sign, °/s."""
+        """True b (3,) with the paper's sign, °/s: minus the bias."""
         return np.array(self.paper["turntable"].b_dps)
 
 
 def load_device(name: str) -> Device:
     """Load a sensor of configs/study/sensors by name, or from a .toml file.
 
-    Raises ConfigError if it is unknown or invalid.
+    Raises ConfigError if the sensor is unknown or its file invalid.
     """
     file = load(file_of(name, "sensor", [folder / "sensors" for folder in FOLDERS]), _File)
     model = load_model(file.model)
@@ -89,7 +94,7 @@ def load_device(name: str) -> Device:
 
 
 class WithSensors(Struct, Generic[S], frozen=True):
-    """A scenario with the files of its sensors read: all that its sessions depend on."""
+    """Scenario together with the files of its sensors: everything that its sessions depend on."""
 
     scenario: S
     devices: dict[str, Device]
@@ -98,7 +103,7 @@ class WithSensors(Struct, Generic[S], frozen=True):
 class Hand(Struct, frozen=True, forbid_unknown_fields=True):
     """Motion of a calibration by hand: lengths of rests and turns (s), and the hand's errors (degrees).
 
-    turn_s: shortest and longest turn. The keys are those of bridge.sim.motion_scripts.SessionPlan.
+    turn_s: shortest and longest turn, s. The keys are those of bridge.sim.motion_scripts.SessionPlan.
     """
 
     rest_s: float
@@ -108,9 +113,10 @@ class Hand(Struct, frozen=True, forbid_unknown_fields=True):
     replacement_deg: float
 
     def pieces(self, rng: np.random.Generator) -> list[Piece]:
-        """Return the motion of the paper's session as pieces: rest, turn about x, rest, turn about y, rest, turn about z, rest.
+        """Motion of the paper's session as pieces: rest, turn about x, rest, turn about y, rest, turn about z, rest.
 
-        Each turn is −360° about the positive axis. Lengths, wobble, tilt and misplacement are those of this scenario.
+        Each turn is −360° about the positive axis. Lengths, wobble, tilt and re-placement error are those of this
+        scenario.
         """
         turns = tuple(TurnPlan(axis, -360.0) for axis in range(3))
         plan = SessionPlan(self.rest_s, turns, self.turn_s, self.wobble_deg, self.tilt_deg, self.replacement_deg)
@@ -119,14 +125,14 @@ class Hand(Struct, frozen=True, forbid_unknown_fields=True):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Recorded:
-    """Simulated recording, with true rates (n, 3) rad/s, and end times (m,) s of the pieces of motion."""
+    """Simulated recording, with its true rates (n, 3), rad/s, and the end times (m,) of the pieces of motion, s."""
 
     recording: Recording
     rate: Floats
     ends_s: Floats
 
     def until(self, time_s: float, *, accel: bool = False) -> Recording:
-        """Return the part of the recording up to a time, s, with or without the accelerometer."""
+        """Part of the recording up to a time, s, with or without the accelerometer."""
         r = self.recording
         n = int(np.searchsorted(r.time_s, time_s + 1e-9))
         return Recording(
@@ -140,7 +146,8 @@ def record(
 ) -> Recorded:
     """Simulate a recording of one boot of the device, moved by the pieces of motion.
 
-    zero_g: ± limit of the accelerometer's offset, m/s², in place of the device's.
+    rng: source of all random numbers.
+    zero_g: ± limit of the accelerometer's offset, m/s²; None for the device's own limit.
     """
     ends_s = np.cumsum([piece.duration_s for piece in pieces])
     time_s = np.arange(1, int(ends_s[-1] * device.rate_hz) + 1) / device.rate_hz

@@ -1,4 +1,4 @@
-"""Figure 7 of the paper: signed errors of bias and scale over thousands of simulated sessions, by parameter."""
+"""Figure 7 of Wang et al. 2024: signed errors of bias and scale over thousands of simulated sessions, by parameter."""
 
 from collections.abc import Sequence
 
@@ -16,7 +16,8 @@ from estimator.study.study import Finding, Parts, Study
 class ErrorsScenario(Simulation, frozen=True, kw_only=True):
     """Scenario of study `errors`.
 
-    paper_band: for each noise, the limit within which the paper has most errors of k and b (°/s).
+    paper_band: for each noise, the limit within which the paper has most errors of k (no unit) and b (°/s).
+    Raises ValueError when the numbers of bands and noises differ.
     """
 
     paper_band: tuple[float, ...]
@@ -30,9 +31,10 @@ class ErrorsScenario(Simulation, frozen=True, kw_only=True):
 
 
 class Row(Struct, frozen=True):
-    """Errors of one parameter by one method at one noise.
+    """Errors of one parameter by one method at one noise (°/s).
 
-    bound: Cramér-Rao bound, rms. inside: share of errors within the paper's band.
+    Errors and bounds of k have no unit, those of b are in °/s.
+    bound: root of the Cramér-Rao variance. inside: fraction of errors within the paper's band.
     """
 
     noise_dps: float
@@ -45,7 +47,11 @@ class Row(Struct, frozen=True):
 
 
 class Honesty(Struct, frozen=True):
-    """Consistency of closure's covariance: mean NEES of k and b per degree of freedom (6), honest within 1 ± band (95 %)."""
+    """Consistency of closure's covariance at one noise (°/s).
+
+    nees: mean NEES of k and b per degree of freedom (6).
+    band: half width of the 95 % interval about 1 that a consistent covariance gives.
+    """
 
     noise_dps: float
     nees: float
@@ -53,18 +59,21 @@ class Honesty(Struct, frozen=True):
 
 
 class Errors(Struct, frozen=True):
-    """Results of the study: errors by row, and consistency of closure's covariance by noise."""
+    """Results of the study: errors by parameter, method and noise (°/s), and consistency of closure's covariance by noise."""
 
     rows: list[Row]
     honesty: list[Honesty]
 
     def of(self, noise: float, method: str) -> list[Row]:
-        """Return six rows of the table, one a parameter (3 scale factors, 3 biases), of one method at one noise, °/s."""
+        """Six rows, one per parameter (3 scale factors, 3 biases), of one method at one noise, °/s."""
         return [row for row in self.rows if (row.noise_dps, row.method) == (noise, method)]
 
 
 def results(scenario: ErrorsScenario, parts: Parts) -> Errors:
-    """Compute the spread of each parameter's errors by noise and method, and the NEES of closure, from all runs."""
+    """Compute the spread of each parameter's errors by noise and method, and the NEES of closure, from all runs.
+
+    Errors of the scale factors k have no unit, those of the bias b are in °/s.
+    """
     rows, honesty = [], []
     for noise, band in zip(scenario.noise_dps, scenario.paper_band, strict=True):
         found = simulation.joined(list(simulation.at_noise(parts, noise).values()))
@@ -80,7 +89,7 @@ def results(scenario: ErrorsScenario, parts: Parts) -> Errors:
 
 
 def tables(found: Errors) -> Sequence[RenderableType]:
-    """Return a table of the errors (k without unit, b in °/s), one row per parameter, noise and method, and the NEES."""
+    """Build a table of the errors (k without unit, b in °/s) with a row per parameter, noise and method; and the NEES."""
     headings = {
         "°/s": 0,
         "method": 0,
@@ -112,7 +121,7 @@ def tables(found: Errors) -> Sequence[RenderableType]:
 
 
 def findings(found: Errors) -> Sequence[Finding]:
-    """Judge the paper's figure 7: whether the errors are unbiased and within the paper's band."""
+    """Judge figure 7 of Wang et al. 2024: errors without bias, most of them within the paper's band."""
     rows = [row for row in found.rows if row.method == "algorithm1"]
     zero = sum(holds(row.error.median_ci, 0.0) for row in rows)
     least = min(row.inside for row in rows)

@@ -1,4 +1,4 @@
-"""Figure 9 of the paper: magnitude of a known rate about x, y, z, both ways, before and after calibration by hand."""
+"""Figure 9 of Wang et al. 2024: magnitude of a known rate about x, y, z, both ways, before and after calibration by hand."""
 
 from collections.abc import Sequence
 
@@ -18,7 +18,10 @@ _DRAWN = 4
 
 
 class Row(Struct, frozen=True):
-    """Spread over the sessions of the mean magnitude of the rate, °/s, in one turn of a sensor; rates: key of WORDS."""
+    """Spread over the sessions of the mean magnitude of the rate, °/s, in one turn of a sensor.
+
+    rates: `raw` for readings, or the correction: `turn360`, `closure`, or `paper` for the paper's K and b.
+    """
 
     sensor: str
     spin: str
@@ -27,9 +30,10 @@ class Row(Struct, frozen=True):
 
 
 class Trace(Struct, frozen=True):
-    """Magnitudes over time in a sensor's first session, without ramps.
+    """Magnitudes of the rate over time in a sensor's first session, without ramps.
 
-    time_s: s. dps: magnitudes, °/s, by key of WORDS. begins_s: begin of each turn, s.
+    time_s: times, s. begins_s: start of each turn, s.
+    dps: magnitudes, °/s, by kind of rates: `raw`, `turn360`, `closure`, `paper`.
     """
 
     sensor: str
@@ -39,7 +43,10 @@ class Trace(Struct, frozen=True):
 
 
 class Magnitude(Struct, frozen=True):
-    """Results of the study: all rows, the first session of each sensor, and the true rate, °/s."""
+    """Results of the study: all rows, the first session of each sensor, and the true rate, °/s.
+
+    labels: titles of the sensors by name.
+    """
 
     labels: dict[str, str]
     rate_dps: float
@@ -47,14 +54,21 @@ class Magnitude(Struct, frozen=True):
     traces: list[Trace]
 
     def error(self, sensor: str, rates: str) -> float:
-        """Return the rms error of the magnitude over sessions and turns of a sensor, °/s. rates: key of WORDS."""
+        """Rms error of the magnitude over sessions and turns of a sensor, °/s.
+
+        rates: `raw` for readings, or the correction: `turn360`, `closure` or `paper`.
+        """
         off = [r.mean.rms**2 - 2 * r.mean.mean * self.rate_dps + self.rate_dps**2 for r in self.rows
                if (r.sensor, r.rates) == (sensor, rates)]  # fmt: skip
         return float(np.sqrt(np.mean(off)))
 
 
 def work(of: Inputs, job: Job) -> Arrays:
-    """Run one job: mean (6 turns, 4 rates) °/s; the first run also returns time (n,), dps (4, n), begins (6,)."""
+    """Run one job: array `mean` (6 turns, 4 kinds of rates) of mean magnitudes, °/s.
+
+    The first run of a sensor also returns arrays over time: time (n,) s, dps (4, n) °/s, and the starts of the turns,
+    begins (6,) s.
+    """
     found = verify(of, job)
     size = {name: np.degrees(np.linalg.norm(rate, axis=1)) for name, rate in found.rates.items()}
     steady = [_steady(found, spin) for spin in found.spins]
@@ -93,7 +107,7 @@ def results(scenario: VerificationScenario, parts: Parts) -> Magnitude:
 
 
 def tables(found: Magnitude) -> Sequence[RenderableType]:
-    """Return a table of the mean magnitude in each turn, °/s, before and after calibration."""
+    """Build a table of the mean magnitude in each turn, °/s, before and after calibration."""
     n = found.rows[0].mean.n
     table = Columns(
         [
@@ -111,7 +125,7 @@ def tables(found: Magnitude) -> Sequence[RenderableType]:
 
 
 def findings(found: Magnitude) -> Sequence[Finding]:
-    """Judge the paper's figure 9: whether the magnitude is closer to the truth after calibration."""
+    """Judge figure 9 of Wang et al. 2024: the magnitude of the rate is closer to the truth after calibration."""
     said, closer = [], True
     for sensor, label in found.labels.items():
         before, after = (found.error(sensor, name) for name in ("raw", "turn360"))

@@ -1,4 +1,4 @@
-"""Algorithm 1 and closure on many simulated sessions at once: arrays of sessions in, arrays of estimates out."""
+"""Algorithm 1 and closure for many simulated sessions at once: arrays of sessions in, arrays of estimates out."""
 
 import numpy as np
 
@@ -8,10 +8,10 @@ from estimator.geometry import rotation
 
 
 def evidence(sessions: PaperSessions, replacement_std: float, *, coning: bool = False) -> Evidence:
-    """Make closure's input from sessions: rests, turns, and their noise, with known stages and a constant bias.
+    """Build the input of the closure fit from simulated sessions, with known stages and a constant bias.
 
-    replacement_std: rad per axis by which the hand misses the first attitude. coning: whether to correct for changes of
-    direction within a sample, as `closure` does at low rates.
+    replacement_std: standard deviation of the hand's re-placement error, rad per axis.
+    coning: True to correct for changes of direction within a sample, as `closure` does at low sample rates.
     """
     s, r, m, _ = sessions.rests.shape
     rest_noise = sessions.rests.var(axis=2, ddof=1)
@@ -31,8 +31,9 @@ def evidence(sessions: PaperSessions, replacement_std: float, *, coning: bool = 
 
 
 def closure(seen: Evidence) -> tuple[Floats, Floats]:
-    """Calibrate all sessions by closure (maximum likelihood): theta (s, 6), bias in rad/s then k; covariance (s, 6, 6).
+    """Calibrate s sessions by closure (maximum likelihood): theta (s, 6), and its covariance (s, 6, 6).
 
+    theta: bias (3) in rad/s, then scale factors k (3).
     Raises ArithmeticError when a session does not converge.
     """
     found = fit(seen)
@@ -42,10 +43,10 @@ def closure(seen: Evidence) -> tuple[Floats, Floats]:
 
 
 def bound(sessions: PaperSessions, noise_std: float, replacement_std: float) -> Floats:
-    """Return the Cramér-Rao bound (s, 6) of bias and k as variances, for s sessions.
+    """Cramér-Rao bound (s, 6) for s sessions, as variances: bias (3) in (rad/s)², then scale factors (3).
 
-    The bound is the inverse information at the truth, from noise-free readings.
-    noise_std: rad/s of a reading. replacement_std: as in `evidence`, rad.
+    noise_std: standard deviation of one reading, rad/s. replacement_std: as in `evidence`, rad.
+    The bound is the diagonal of the inverse information at the true parameters, from noise-free readings.
     """
     gyro, clean = sessions.gyro, sessions.rates / sessions.gyro.k + sessions.gyro.bias
     still = np.broadcast_to(gyro.bias, sessions.rests.shape)
@@ -62,10 +63,10 @@ def bound(sessions: PaperSessions, noise_std: float, replacement_std: float) -> 
 
 
 def algorithm1(sessions: PaperSessions, tolerance: float = 1e-5, max_iterations: int = 50) -> Floats:
-    """Calibrate all sessions by Algorithm 1 of the paper, as turn360.estimate does: theta (s, 6), bias in rad/s then k.
+    """Calibrate s sessions by Algorithm 1 of Wang et al. 2024, as turn360.estimate does: theta (s, 6).
 
-    Bias from the first rest.
-    tolerance: change of the scale factors at which a session is done.
+    theta: bias (3) in rad/s, the mean of the first rest, then scale factors k (3).
+    tolerance: relative change of the scale factors at which a session is done.
     """
     bias = sessions.rests[:, 0].mean(axis=1)
     K = np.ones_like(bias)

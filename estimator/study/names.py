@@ -1,4 +1,4 @@
-"""Names and descriptions of the studies, apart from them: a command's help need not load their numerical libraries."""
+"""Names and descriptions of the studies, importable without their numerical libraries."""
 
 STUDIES = {
     "typical": "one simulated session with the stages that are found in it (figure 6)",

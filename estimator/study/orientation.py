@@ -1,6 +1,6 @@
-"""Figures 2 and 10 of the paper: orientation over 360° one way and back, from readings and from calibrated rates.
+"""Figures 2 and 10 of Wang et al. 2024: angle over 360° one way and back, from readings and from calibrated rates.
 
-The angle follows the paper's equations 5 and 6: rates transformed to the initial frame and summed, about the turn's axis.
+The angle follows the paper's equations 5 and 6: rates rotated into the initial frame, and summed about the turn's axis.
 """
 
 from collections.abc import Sequence
@@ -26,7 +26,7 @@ _DRAWN = 8
 class Row(Struct, frozen=True):
     """Spread over the sessions of the largest and the final error of the angle, degrees.
 
-    For a sensor, an axis and a kind of rates (key of WORDS).
+    rates: `raw` for readings, or the correction: `turn360`, `closure`, or `paper` for the paper's K and b.
     """
 
     sensor: str
@@ -37,7 +37,10 @@ class Row(Struct, frozen=True):
 
 
 class Trace(Struct, frozen=True):
-    """Angles of the first session about one axis: time, s, and angle, degrees, by key of WORDS and IDEAL."""
+    """Angles of the first session about one axis: times, s, and angles, degrees.
+
+    deg: angles by kind of rates (`raw`, `turn360`, `closure`, `paper`), and `ideal` for the true angle.
+    """
 
     sensor: str
     axis: str
@@ -46,7 +49,10 @@ class Trace(Struct, frozen=True):
 
 
 class Orientation(Struct, frozen=True):
-    """Results of the study: all rows, the first session of each sensor, and the machine's rate, °/s."""
+    """Results of the study: all rows, the first session of each sensor, and the machine's rate, °/s.
+
+    labels: titles of the sensors by name.
+    """
 
     labels: dict[str, str]
     rate_dps: float
@@ -54,22 +60,26 @@ class Orientation(Struct, frozen=True):
     traces: list[Trace]
 
     def largest(self, sensor: str, rates: str) -> Spread:
-        """Return the spread of the largest error, degrees, on the axis with the largest median. rates: key of WORDS."""
+        """Spread of the largest error of the angle, degrees, on the axis with the largest median.
+
+        rates: `raw` for readings, or the correction: `turn360`, `closure` or `paper`.
+        """
         rows = [row for row in self.rows if (row.sensor, row.rates) == (sensor, rates)]
         return max((row.largest for row in rows), key=lambda of: of.median)
 
 
 def angle_deg(rate: NDArray[np.float64], dt: NDArray[np.float64], axis: int) -> NDArray[np.float64]:
-    """Integrate rates (n, 3) rad/s, held for dt (n,) s, to angles (n,), degrees, about an axis of the first frame."""
+    """Integrate rates (n, 3), rad/s, held for dt (n,), s, to angles (n,), degrees, about an axis (0 to 2) of the first frame."""
     attitude = rotation.attitudes(rate, dt)[1:]
     initial = np.einsum("tij,tj->ti", attitude, rate)
     return np.asarray(np.degrees(np.cumsum(initial[:, axis] * dt)))
 
 
 def work(of: Inputs, job: Job) -> Arrays:
-    """Run one job: errors (3 axes, 4 rates, 2), largest and final, degrees.
+    """Run one job: array `errors` (3 axes, 4 kinds of rates, 2), the largest and the final error of the angle, degrees.
 
-    The first run also returns time_x (n,) and deg_x (5, n), and the same for y and z.
+    The first run of a sensor also returns time_x (n,), s, and the angles deg_x (5, n), degrees, and the same for y and
+    z.
     """
     found = verify(of, job)
     dt = np.full(len(found.time_s), float(np.median(np.diff(found.time_s))))
@@ -88,7 +98,7 @@ def work(of: Inputs, job: Job) -> Arrays:
 
 
 def results(scenario: VerificationScenario, parts: Parts) -> Orientation:
-    """Compute the spread of the angle's errors over the sessions, and collect the first session of each sensor."""
+    """Compute the spread of the angle's errors (degrees) over the sessions, and collect the first session of each sensor."""
     devices = inputs(scenario).devices
     rows, traces = [], []
     for sensor in devices:
@@ -108,7 +118,7 @@ def results(scenario: VerificationScenario, parts: Parts) -> Orientation:
 
 
 def tables(found: Orientation) -> Sequence[RenderableType]:
-    """Return a table of the largest errors of the angle by axis, degrees, before and after calibration."""
+    """Build a table of the largest errors of the angle by axis, degrees, before and after calibration."""
     n = found.rows[0].largest.n
     table = Columns(
         [
@@ -125,7 +135,7 @@ def tables(found: Orientation) -> Sequence[RenderableType]:
 
 
 def findings(found: Orientation) -> Sequence[Finding]:
-    """Judge the paper's figures 2 and 10: errors of the angle before and after calibration."""
+    """Judge figures 2 and 10 of Wang et al. 2024: errors of the angle before and after calibration."""
     before, after, good = [], [], True
     for sensor, label in found.labels.items():
         raw, ours = (found.largest(sensor, name).median for name in ("raw", "turn360"))

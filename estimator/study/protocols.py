@@ -1,4 +1,4 @@
-"""Random good and bad calibration sessions by the thousand: how many good ones are refused, and wrong ones accepted."""
+"""Random good and bad calibration sessions by the thousand: counts good sessions refused and wrong results accepted."""
 
 from collections import Counter
 from collections.abc import Callable
@@ -31,9 +31,9 @@ FOREIGN = [m for m in MAPPINGS[1:] if not np.array_equal(m, np.diag([1.0, 1.0, -
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trial:
-    """A simulated session as a recording, with its true scale factors k (3,); k None: every acceptance is wrong.
+    """Simulated session as a recording, with its true scale factors k (3,), no unit.
 
-    knobs: what is known of the device and its turns; None: nothing.
+    k None: every acceptance is wrong. knobs: known facts about the device and its turns; None: no facts.
     """
 
     recording: Recording
@@ -42,9 +42,9 @@ class Trial:
 
 
 def good(seed: int) -> Trial:
-    """Simulate a good session.
+    """Simulate a good session, as a Trial.
 
-    Order, direction, rate, bias, scale, hand and resolution are random; odd seeds with accelerometer.
+    Order, direction, rate, bias, scale, hand and resolution are random. Odd seeds have an accelerometer.
     """
     rng = np.random.default_rng(seed)
     turns = tuple(
@@ -210,15 +210,18 @@ UNDETECTABLE: dict[str, Callable[[int], Trial]] = {
 
 
 def is_wrong(result: Result, k: Floats | None) -> bool:
-    """Return whether a result is accepted but wrong: its scale is off by more than 1 % and 4 std, or k is None.
+    """Return True if a result is accepted but wrong: its scale is off by more than 1 % and 4 standard deviations.
 
-    k (3,): true scale factors; None if no result could be right.
+    k (3,): true scale factors; with None every accepted result is wrong.
     """
     return result.verdict is Verdict.ACCEPTED and (k is None or _is_off(result, k, 0.01, 4.0))
 
 
 def is_too_sure(result: Result, k: Floats | None) -> bool:
-    """Return whether a result is accepted with a scale off by more than 0.2 % and 5 std: its covariance is too small."""
+    """Return True if a result is accepted with a scale off by more than 0.2 % and 5 standard deviations.
+
+    Its covariance is then too small. k (3,): true scale factors; None gives False.
+    """
     return result.verdict is Verdict.ACCEPTED and k is not None and _is_off(result, k, 0.002, 5.0)
 
 
@@ -230,7 +233,7 @@ def _is_off(result: Result, k: Floats, by: float, deviations: float) -> bool:
 def try_one(job: tuple[str, int, str]) -> tuple[str, bool, bool, bool]:
     """Simulate one session of a job (kind, seed, method) and calibrate it.
 
-    Returns (kind, accepted, wrong, too sure).
+    Returns (kind, accepted, wrong, too sure): the last three are flags, see `is_wrong` and `is_too_sure`.
     """
     kind, seed, method = job
     trial = (good if kind == GOOD else {**BAD, **UNDETECTABLE}[kind])(seed)
@@ -242,9 +245,10 @@ GOOD = "good"
 
 
 def run(console: Console, runs: int, method: str, workers: int | None) -> None:
-    """Calibrate `runs` good and `runs` bad sessions on all processors, and print a table.
+    """Calibrate `runs` good and `runs` bad sessions in parallel, and print a table of the results.
 
-    A fifth as many sessions with undetectable faults are added; they do not count as wrong ones.
+    method: calibration method. workers: number of processes; None for one per processor.
+    A fifth as many sessions with undetectable faults are added; they do not count as wrong results.
     """
     kinds, undetectable = list(BAD), list(UNDETECTABLE)
     jobs = [(GOOD, seed, method) for seed in range(runs)]

@@ -1,4 +1,4 @@
-"""A real session calibrated by every applicable method, compared with the results of imucal, its source."""
+"""Study `real`: a real session calibrated by every applicable method, compared with the results of imucal, its source."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -26,23 +26,28 @@ _AXES = ("x", "y", "z")
 
 
 class Theirs(Struct, frozen=True, forbid_unknown_fields=True):
-    """Result of imucal: diagonal of its K_g (reading over rate), and closure errors of the three turns, degrees."""
+    """Result of imucal: diagonal of its matrix K_g (reading over rate, no unit), and closure errors of three turns, degrees."""
 
     reading_per_rate: tuple[float, float, float]
     closure_deg: tuple[float, float, float]
 
 
 class RealScenario(Scenario, frozen=True, kw_only=True):
-    """Scenario of study `real`. recording: path of the session's file; imucal: imucal's own result for that session."""
+    """Scenario of study `real`.
+
+    recording: path of the session's file. imucal: imucal's own result for that session.
+    """
 
     recording: str = ""
     imucal: Theirs
 
 
 class Row(Struct, frozen=True):
-    """Result of one method: scale factors k (3,) and their standard deviations, closure errors of the turns, degrees.
+    """Result of one method on the real session.
 
-    None where the method gives none.
+    k, k_std (3): scale factors and their standard deviations, no unit. closure_deg (3): closure errors of the turns,
+        degrees.
+    A value is None where the method does not give it.
     """
 
     method: str
@@ -61,7 +66,7 @@ class Real(Struct, frozen=True):
 
 
 def results(of: RealScenario, _: Parts) -> Real:
-    """Calibrate the whole recording by each method that applies; returns one row per method, imucal's own first."""
+    """Calibrate the whole recording by each method that applies; return one row per method, imucal's own first."""
     recording = load(of.recording)
     closed = recordings.calibrate(recording, "closure")[0]
     turns = {turn.axis: turn for turn in closed.turns}
@@ -87,7 +92,7 @@ def results(of: RealScenario, _: Parts) -> Real:
 
 
 def tables(found: Real) -> Sequence[RenderableType]:
-    """Return a table with one row per method, and the reasons of the methods that failed."""
+    """Build a table with one row per method, and the reasons of the methods without an estimate."""
     table = Columns(
         [Column("method", least=11), *(Column(f"k_{a}", number=True) for a in _AXES), Column("std", number=True, spare=1),
          *(Column(f"{a} open °", number=True) for a in _AXES), Column("verdict")],

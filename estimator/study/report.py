@@ -1,4 +1,7 @@
-"""Self-contained HTML report of all studies: a row for each table, figure and claim of the paper, figures and tables."""
+"""Self-contained HTML report of all studies: a row for each table, figure and claim of Wang et al. 2024.
+
+The figures and tables of each study follow.
+"""
 
 import base64
 from collections.abc import Sequence
@@ -19,10 +22,10 @@ _HERE = Path(__file__).parent
 
 @dataclass(frozen=True, slots=True)
 class Item:
-    """One table, figure or claim of the paper.
+    """Table, figure or claim of Wang et al. 2024, as compared in the report.
 
-    key: as in Finding.item. where: place in the paper. says, value: the claim and its value. study: name of the study that
-    computes it.
+    key: as in Finding.item. where: place in the paper. says, value: the claim and its value.
+    study: name of the study that computes our value.
     """
 
     key: str
@@ -89,20 +92,20 @@ ITEMS = (
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One table, figure or claim of the paper, and what our study found; None if the study was not run."""
+    """Table, figure or claim of the paper with our finding; None if the study was not run."""
 
     item: Item
     finding: Finding | None
 
 
 def rows(done: Sequence[Done]) -> list[Row]:
-    """Return all items of the paper, each with the finding of the study that computed it."""
+    """List all items of the paper, each with the finding of the study that computed it."""
     found = {finding.item: finding for one in done for finding in one.study.findings(one.results)}
     return [Row(item, found.get(item.key)) for item in ITEMS]
 
 
 def summary(of: Sequence[Row]) -> Columns:
-    """Return a table of the items and their findings for a terminal."""
+    """Build a table of the items and their findings for a terminal."""
     table = Columns(
         [Column("paper"), Column("what it says", least=16), Column("ours", least=24), Column("verdict", least=8)],
         title=f"{sum(row.finding is not None for row in of)} of {len(of)} tables, figures and claims computed",
@@ -114,7 +117,10 @@ def summary(of: Sequence[Row]) -> Columns:
 
 
 def write(path: Path, done: Sequence[Done], *, quick: bool) -> None:
-    """Write the HTML report to `path`, with the figures embedded; quick: note in it that the runs were few."""
+    """Write the HTML report to `path`, with the figures embedded.
+
+    quick: True to note in the report that the runs were few.
+    """
     environment = jinja2.Environment(loader=jinja2.FileSystemLoader(_HERE), autoescape=True)
     of = rows(done)
     verdicts = [row.finding.verdict for row in of if row.finding]

@@ -1,7 +1,7 @@
-"""Study runner: jobs spread over processes; saves results.json, tables and figures.
+"""Study runner: spreads jobs over processes, and saves results.json, tables and figures.
 
-An interrupted study continues from the parts it saved. They lie in OUT/.parts, in a folder named after the work and a digest
-of all it depends on. So changed inputs never use old parts.
+An interrupted study continues from the parts it saved in OUT/.parts. Each part's folder is named after the work and a
+digest of its inputs, so changed inputs never use old parts.
 """
 
 import hashlib
@@ -26,7 +26,7 @@ AnyStudy = Study[Any, Any]
 
 @dataclass(frozen=True, slots=True)
 class Done:
-    """A finished study: its results, and the paths of its figures without suffix."""
+    """Finished study with its results, and the paths of its figures without suffix."""
 
     study: AnyStudy
     results: Any
@@ -34,9 +34,9 @@ class Done:
 
 
 class Runner:
-    """Runs studies and saves their results in a folder `out`.
+    """Runner of studies that saves their results in a folder `out`.
 
-    workers: number of processes; None: one per processor; 1: in this process.
+    workers: number of processes; None for one per processor; 1 for the present process.
     """
 
     def __init__(self, console: Console, out: Path, workers: int | None) -> None:

@@ -1,4 +1,4 @@
-"""Tables 2 and 3 of the paper: its two sensors, calibrated many times by its four methods and by closure."""
+"""Tables 2 and 3 of Wang et al. 2024: its two sensors, calibrated many times by its four methods and by closure."""
 
 from collections.abc import Sequence
 from math import inf
@@ -16,10 +16,11 @@ from estimator.study.trials import METHODS, WORDS, SensorsScenario, inputs, jobs
 
 
 class Row(Struct, frozen=True):
-    """Result for one parameter of a sensor by one method.
+    """Result for one parameter of a sensor by one method; k has no unit, b is in °/s with the paper's sign.
 
-    value: estimates; error: their differences from the truth; size_95: 95 % quantile of the error's magnitude; std: median
-    of the claimed standard deviations. paper: the paper's value or None; inside: whether it lies in the middle 95 % of ours.
+    value: spread of the estimates. error: spread of their differences from the truth.
+    size_95: 95 % quantile of the error's magnitude. std: median of the claimed standard deviations.
+    paper: the paper's value, or None. inside: True if it lies in the middle 95 % of our estimates.
     """
 
     sensor: str
@@ -35,7 +36,11 @@ class Row(Struct, frozen=True):
 
 
 class Session(Struct, frozen=True):
-    """Sessions of one sensor by one method: number, accepted share, duration, and the paper's duration, s."""
+    """Summary of the sessions of one sensor by one method.
+
+    sessions: their number. accepted: fraction with verdict ACCEPTED. time_s, paper_time_s: median duration, and the
+        paper's, s.
+    """
 
     sensor: str
     method: str
@@ -46,9 +51,11 @@ class Session(Struct, frozen=True):
 
 
 class Sensors(Struct, frozen=True):
-    """Results of the study: one row per parameter, and one entry per sensor and method for its sessions.
+    """Results of the study: one row per sensor, method and parameter, and one entry per sensor and method for its sessions.
 
-    labels, paper_limit: by sensor. machine: median computing time of each method, ms, which depends on the computer.
+    labels: titles of the sensors by name.
+    paper_limit: largest error of k (no unit) and b (°/s) in the paper, by sensor.
+    machine: median computing time of each method, ms, which depends on the computer.
     """
 
     labels: dict[str, str]
@@ -58,18 +65,18 @@ class Sensors(Struct, frozen=True):
     machine: dict[str, float]
 
     def of(self, sensor: str, method: str) -> list[Row]:
-        """Return the rows of the six parameters of a sensor by one method."""
+        """Rows of the six parameters of a sensor by one method."""
         return [row for row in self.rows if (row.sensor, row.method) == (sensor, method)]
 
     def worst_k(self, sensor: str, method: str) -> float:
-        """Return the 95 % quantile of the error of k on the worst axis; infinite when no session gave an estimate."""
+        """95 % quantile of the error of k (no unit) on the worst axis; infinite when no session gave an estimate."""
         return max((row.size_95 for row in self.of(sensor, method) if row.parameter.startswith("k")), default=inf)
 
 
 def results(scenario: SensorsScenario, parts: Parts) -> Sensors:
-    """Compute the spread of estimates and errors by sensor, method and parameter, and the share accepted.
+    """Compute the spread of estimates and errors by sensor, method and parameter, and the fraction accepted.
 
-    Sessions without an estimate count as not accepted, and are in no spread.
+    Sessions without an estimate count as not accepted. They are not part of any spread.
     """
     rows, sessions, machine = [], [], {}
     devices = inputs(scenario).devices
@@ -121,7 +128,7 @@ def _rows(name: str, method: str, found: Floats, std: Floats, truth: Floats, col
 
 
 def tables(found: Sensors) -> Sequence[RenderableType]:
-    """Return one table per sensor with the six parameters by method, and a table of the sessions."""
+    """Build one table per sensor with the six parameters by method, and a table of the sessions."""
     shown: list[RenderableType] = []
     for sensor, label in found.labels.items():
         n = next(one.sessions for one in found.sessions if one.sensor == sensor)
@@ -161,7 +168,7 @@ def tables(found: Sensors) -> Sequence[RenderableType]:
 
 
 def findings(found: Sensors) -> Sequence[Finding]:
-    """Judge the paper's tables 2 and 3, its limits of the errors, and its calibration times."""
+    """Judge tables 2 and 3 of Wang et al. 2024, its limits of the errors, and its calibration times."""
     told = [_table(found, name) for name in found.labels]
     return *told, _limits(found), _time(found)
 

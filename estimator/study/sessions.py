@@ -1,4 +1,4 @@
-"""Machine and desk sessions of the paper's methods as pieces of motion: turntable, servo, tilted poses on a desk."""
+"""Simulated sessions of the comparison methods as pieces of motion: turntable, servo, and tilted poses on a desk."""
 
 from collections.abc import Sequence
 
@@ -16,7 +16,8 @@ _WOBBLE_HARMONICS = 4
 class Turntable(Struct, frozen=True, forbid_unknown_fields=True):
     """Turntable session: each of rates_dps (°/s) both ways about each axis.
 
-    rest_s, spin_s: length of rests and spins, s. fixture_deg: std of the mounting angle per axis, degrees.
+    rest_s, spin_s: length of rests and spins, s.
+    fixture_deg: standard deviation of the mounting angle per axis, degrees.
     """
 
     rates_dps: tuple[float, ...]
@@ -25,16 +26,17 @@ class Turntable(Struct, frozen=True, forbid_unknown_fields=True):
     fixture_deg: float
 
     def pieces(self, rng: np.random.Generator) -> list[Piece]:
-        """Return the motion of the session: mounted with x, y and z up in turn, turned at each rate both ways."""
+        """Motion of the session: mounted with x, y and z up in turn, turned at each rate both ways."""
         both = tuple(sign * rate for rate in self.rates_dps for sign in (1.0, -1.0))
         return machine(askew(np.eye(3), self.fixture_deg, rng), both, rest_s=self.rest_s, spin_s=self.spin_s)
 
 
 class Servomotor(Struct, frozen=True, forbid_unknown_fields=True):
-    """Servo session: one rate (°/s) both ways about each axis.
+    """Servo session: one rate rate_dps (°/s) both ways about each axis.
 
-    rest_s, spin_s: s. fixture_deg: std of the mounting angle per axis, degrees. accel_offset_mg: ± limit of the offset of the
-    calibrated accelerometer, milli-g.
+    rest_s, spin_s: length of rests and spins, s.
+    fixture_deg: standard deviation of the mounting angle per axis, degrees.
+    accel_offset_mg: ± limit of the offset of the calibrated accelerometer, milli-g.
     """
 
     rate_dps: float
@@ -44,7 +46,7 @@ class Servomotor(Struct, frozen=True, forbid_unknown_fields=True):
     accel_offset_mg: float
 
     def pieces(self, rng: np.random.Generator) -> list[Piece]:
-        """Return the motion of the session: mounted with x, y and z up in turn, turned at the one rate both ways."""
+        """Motion of the session: mounted with x, y and z up in turn, turned at the one rate both ways."""
         mounts = askew(np.eye(3), self.fixture_deg, rng)
         return machine(mounts, (self.rate_dps, -self.rate_dps), rest_s=self.rest_s, spin_s=self.spin_s)
 
@@ -52,7 +54,8 @@ class Servomotor(Struct, frozen=True, forbid_unknown_fields=True):
 class AccelAided(Struct, frozen=True, forbid_unknown_fields=True):
     """Accelerometer-aided session: each of the six sides up on a desk and on inclined planes, turned by hand in between.
 
-    inclinations_deg: degrees. rest_s, move_s: s per pose and movement. wobble_deg: of the hand, degrees.
+    inclinations_deg: inclinations of the planes, degrees.
+    rest_s, move_s: length of each pose and each movement, s. wobble_deg: wobble of the hand, degrees.
     """
 
     inclinations_deg: tuple[float, ...]
@@ -61,7 +64,7 @@ class AccelAided(Struct, frozen=True, forbid_unknown_fields=True):
     wobble_deg: float
 
     def pieces(self, rng: np.random.Generator) -> list[Piece]:
-        """Return the motion of the session: six poses for each inclination, with a turn by hand in between."""
+        """Motion of the session: six poses for each inclination, with a turn by hand in between."""
         ups = [
             np.cos(tilt) * sign * np.eye(3)[axis] + np.sin(tilt) * np.eye(3)[(axis + 1) % 3]
             for tilt in np.radians(self.inclinations_deg)
@@ -82,14 +85,14 @@ def _through(ups: Sequence[Floats], how: AccelAided, rng: np.random.Generator) -
 
 
 def askew(mounts: Floats, std_deg: float, rng: np.random.Generator) -> Floats:
-    """Return mounting directions with errors, unit vectors (m, 3) in sensor axes.
+    """Mounting directions with random errors: unit vectors (m, 3) in sensor axes.
 
-    mounts (m, 3): exact unit vectors; each is tilted by a random angle of std_deg degrees per axis across it.
+    mounts (m, 3): exact unit vectors. std_deg: standard deviation of the tilt of each, degrees per axis.
     """
     off = mounts + np.radians(std_deg) * rng.normal(size=mounts.shape)
     return np.asarray(off / np.linalg.norm(off, axis=1)[:, None])
 
 
 def turn_s(rate_dps: float, ramp_s: float = 0.5) -> float:
-    """Return the duration of a machine's 360° turn, s, including its ramps."""
+    """Duration of a machine's 360° turn at rate_dps (°/s), s, including its ramps (ramp_s, s)."""
     return 360.0 / abs(rate_dps) + ramp_s

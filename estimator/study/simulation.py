@@ -1,7 +1,8 @@
-"""Runs of the paper's simulation: Algorithm 1 and closure on the same sessions, against truth and Cramér-Rao bound.
+"""Runs of the simulation of Wang et al. 2024: Algorithm 1 and closure on the same sessions.
 
-The paper's gyro has a constant bias, and its hand puts the device back exactly; closure gets both facts as knobs. Where
-the simulated hand misses, closure gets the size of the error.
+The errors are compared with the truth and the Cramér-Rao bound. The paper's gyro has a constant bias, and its hand puts
+the device back exactly. The closure method is given both facts. Where the simulated hand has a re-placement error,
+closure is given its size.
 """
 
 from collections.abc import Sequence
@@ -26,11 +27,15 @@ _TO_PAPER = [3, 4, 5, 0, 1, 2]
 
 
 def run(gyro: PaperGyro, plan: PaperPlan, sessions: int, rng: np.random.Generator) -> Arrays:
-    """Simulate and calibrate n sessions of one gyro.
+    """Simulate and calibrate n sessions of one gyro by Algorithm 1 and closure.
 
-    Returns error (2 methods, n, 6) in the order of PARAMETERS, k and bias in °/s; nees (n,) of closure; bound (m, 6), the
-    Cramér-Rao variances of the first m sessions, as it hardly differs between sessions. Bias here is the reading at rest; the
-    paper's is minus that.
+    Returns three arrays; parameters are in the order k_x, k_y, k_z (no unit), b_x, b_y, b_z (°/s):
+
+        error   (2 methods, n, 6)   estimate minus truth
+        nees    (n,)                of closure, 6 degrees of freedom
+        bound   (m, 6)              Cramér-Rao variances of the first m sessions, as they hardly differ between sessions
+
+    b here is the reading at rest, although the paper's b is minus that.
     """
     truth = np.concatenate([gyro.bias, gyro.k])
     unit = np.concatenate([np.full(3, 180 / np.pi), np.ones(3)])
@@ -65,7 +70,7 @@ def joined(parts: list[Arrays]) -> Arrays:
 class Simulation(Scenario, frozen=True, kw_only=True):
     """Scenario of the paper's simulation: `runs` sessions at each noise, over `sets` sets of gyro parameters.
 
-    Noise in °/s, rate in Hz, lengths of rests and turns in s.
+    Noise in °/s per reading, sample rate in Hz, lengths of rests and turns in s. turn_s: shortest and longest turn.
     """
 
     sets: int
@@ -76,15 +81,15 @@ class Simulation(Scenario, frozen=True, kw_only=True):
 
 
 def inputs(scenario: Simulation) -> Simulation:
-    """Return what the runs of a scenario depend on.
+    """Reduce a scenario to the values on which its runs depend.
 
-    Equal for all studies of the same runs, so that they share computed parts.
+    The result is equal for all studies of the same runs, so that they share computed parts.
     """
     return convert(scenario, Simulation, from_attributes=True)
 
 
 def jobs(of: Simulation) -> Sequence[Job]:
-    """Return the jobs (noise, number of the parameter set, first run, last run + 1)."""
+    """Jobs (noise in °/s, number of the parameter set, first run, last run + 1) of a scenario."""
     runs = {number: of.runs // of.sets + (number < of.runs % of.sets) for number in range(of.sets)}
     return [
         (noise, number, first, min(first + TASK, runs[number]))
@@ -95,17 +100,17 @@ def jobs(of: Simulation) -> Sequence[Job]:
 
 
 def work(of: Simulation, job: Job) -> Arrays:
-    """Run one job, the sessions of one parameter set at one noise; returns the arrays of `run`."""
+    """Run one job, the sessions of one parameter set at one noise; return the arrays of `run`."""
     noise, number, first, last = (float(word) for word in job)
     plan = PaperPlan(noise, rest_s=of.rest_s, turn_s=of.turn_s, rate_hz=of.rate_hz)
     return run(gyro_of(of.seed, int(number)), plan, int(last - first), generator(of.seed, noise, number, first))
 
 
 def gyro_of(seed: int, number: int) -> PaperGyro:
-    """Return the simulated gyro of a parameter set by its number; the same at every noise."""
+    """Simulated gyro of a parameter set by its number; the same at every noise."""
     return draw_gyro(np.random.default_rng((seed, number)))
 
 
 def at_noise(parts: Parts, noise: float) -> dict[Job, Arrays]:
-    """Return the computed parts of one noise (°/s), by job."""
+    """Computed parts of one noise (°/s), by job."""
     return {job: part for job, part in parts.items() if job[0] == noise}

@@ -1,4 +1,4 @@
-"""Spread of a sample: quantiles, and median and mean with their 95 % intervals."""
+"""Spread of a sample of numbers: quantiles, and median and mean with their 95 % intervals."""
 
 from math import sqrt
 
@@ -10,9 +10,11 @@ _Z = 1.959964
 
 
 class Spread(Struct, frozen=True, kw_only=True):
-    """Spread of n numbers.
+    """Spread of n numbers, in their unit.
 
-    median_ci: 95 % interval by order statistics; mean_ci: by the normal distribution. quantiles: 2.5, 25, 75 and 97.5 %.
+    mean_ci: 95 % interval of the mean, by the normal distribution.
+    median_ci: 95 % interval of the median, by order statistics.
+    quantiles: 2.5, 25, 75 and 97.5 %. least, largest: extremes.
     """
 
     n: int
@@ -37,7 +39,7 @@ class Spread(Struct, frozen=True, kw_only=True):
 
 
 def spread(values: NDArray[np.float64]) -> Spread:
-    """Compute mean, median, quantiles and rms of values (n,), with 95 % intervals of mean and median."""
+    """Compute mean, median, quantiles and rms of values (n,), with 95 % intervals of mean and median, in their unit."""
     x = np.sort(np.asarray(values, dtype=np.float64))
     n, mean = len(x), float(x.mean())
     half = _Z * float(x.std(ddof=1)) / sqrt(n) if n > 1 else float("inf")
@@ -57,5 +59,5 @@ def spread(values: NDArray[np.float64]) -> Spread:
 
 
 def holds(interval: tuple[float, float], value: float) -> bool:
-    """Return whether an interval contains a value, its ends included."""
+    """Return True if an interval contains a value, its ends included."""
     return interval[0] <= value <= interval[1]

@@ -1,4 +1,7 @@
-"""Definition of a study: a scenario from a TOML file, jobs whose parts become results, tables, figures and findings."""
+"""Definition of a study: a scenario from a TOML file, and jobs that compute arrays.
+
+Results, tables, figures and findings are made from these arrays.
+"""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -29,7 +32,7 @@ FOLDERS = (_HERE / "scenarios", _HERE.parents[1] / "configs" / "study")  # in an
 
 
 class Scenario(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Keys of every study's file: number of runs, quick_runs (for a first look), and seed of all random numbers.
+    """Scenario of any study, read from its TOML file: number of runs, number of runs for a quick look, and random seed.
 
     Raises ValueError when runs or quick_runs is below 1.
     """
@@ -46,9 +49,10 @@ class Scenario(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """Result of a study for one item of the paper: our result in words, and whether it agrees.
+    """Result of a study for one item of the paper: our result as text, and whether it agrees.
 
-    item: its key in paper.ITEMS. why: which part disagrees, or what limits the comparison.
+    item: key of the item in report.ITEMS.
+    why: the part that disagrees, or the limit of the comparison.
     """
 
     item: str
@@ -59,13 +63,15 @@ class Finding:
 
 @dataclass(frozen=True, slots=True)
 class Study(Generic[S, R]):
-    """A study: compute, then draw.
+    """Definition of a study: functions that compute its results and present them.
 
     name: of the command and of configs/study/NAME.toml, which is read as `scenario`.
-    results(scenario, parts): content of results.json, from which tables, figures and findings are made.
+    inputs(scenario): everything a job depends on; equal work and inputs give equal parts.
+    jobs(inputs): list of jobs. A study of one session has no jobs.
+    work(inputs, job): computes the arrays of one job, in another process.
+    results(scenario, parts): content of results.json, the source of tables, figures and findings.
+    tables(results): tables for a terminal.
     findings(results): findings for the report, for the scenario that comes with truerate.
-    inputs(scenario): all that a job depends on; equal work and inputs give equal parts. jobs(inputs): list of jobs.
-    work(inputs, job): computes the arrays of one job, in another process. A study of one session has no jobs.
     """
 
     name: str
@@ -85,13 +91,13 @@ class Study(Generic[S, R]):
     def read(self, config: str = "") -> S:
         """Read the study's scenario from its own file, or from `config`, a name or a path.
 
-        Raises ConfigError if invalid.
+        Raises ConfigError if the file is missing or invalid.
         """
         return load(file_of(config or self.name, "study", FOLDERS), self.scenario)
 
 
 def generator(seed: int, *words: str | float) -> np.random.Generator:
-    """Return the random number generator of one job, from the seed and words that identify the job.
+    """Create the random number generator of one job, from the seed and words that identify the job.
 
     Jobs with other words get independent numbers.
     """

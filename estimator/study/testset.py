@@ -1,4 +1,4 @@
-"""Figure 8 of the paper: mean error of the rate on a test set, before and after calibration (equation 12)."""
+"""Figure 8 of Wang et al. 2024: mean error of the rate on a test set, before and after calibration (equation 12)."""
 
 from collections.abc import Sequence
 
@@ -20,8 +20,8 @@ AXES = ("x", "y", "z")
 class TestsetScenario(Simulation, frozen=True, kw_only=True):
     """Scenario of study `testset`: the test set has test_samples samples of a constant rate, equal on the three axes.
 
-    test_rate_dps: its magnitude, °/s.
-    paper_left: share of the error left according to the paper, at paper_left_noise_dps.
+    test_rate_dps: magnitude of the rate, °/s.
+    paper_left: fraction of the error that remains in the paper, at the noise paper_left_noise_dps (°/s).
     """
 
     __test__ = False
@@ -33,7 +33,10 @@ class TestsetScenario(Simulation, frozen=True, kw_only=True):
 
 
 class Row(Struct, frozen=True):
-    """Mean errors e (equation 12) of one axis, °/s; stage: before calibration, or the method."""
+    """Spread of the mean errors e (equation 12) of one axis, °/s, at one noise, °/s.
+
+    stage: `before` calibration, or the method.
+    """
 
     noise_dps: float
     stage: str
@@ -42,9 +45,10 @@ class Row(Struct, frozen=True):
 
 
 class Left(Struct, frozen=True):
-    """Share of the test set's error that is left after calibration by one method at one noise.
+    """Fraction of the test set's error that remains after calibration by one method at one noise, °/s.
 
-    rms: rms after over rms before, of all runs and axes. median, most: median and 97.5 % quantile of the runs' shares.
+    rms: rms error after over rms error before, of all runs and axes.
+    median, most: median and 97.5 % quantile of the runs' fractions.
     """
 
     noise_dps: float
@@ -55,7 +59,7 @@ class Left(Struct, frozen=True):
 
 
 class Testset(Struct, frozen=True):
-    """Results of the study: rows of mean errors, shares left after calibration, and the paper's share."""
+    """Results of the study: rows of mean errors (°/s), fractions left after calibration, and the paper's fraction."""
 
     __test__ = False
 
@@ -65,7 +69,7 @@ class Testset(Struct, frozen=True):
     paper_left_noise_dps: float
 
     def of(self, noise: float, stage: str) -> list[Row]:
-        """Return the rows of the three axes at one noise (°/s) and stage: before calibration, or the method."""
+        """Rows of the three axes at one noise (°/s) and stage: `before` calibration, or the method."""
         return [row for row in self.rows if (row.noise_dps, row.stage) == (noise, stage)]
 
 
@@ -95,9 +99,10 @@ def results(scenario: TestsetScenario, parts: Parts) -> Testset:
 def mean_errors(
     scenario: TestsetScenario, noise: float, number: int, error: NDArray[np.float64], rng: np.random.Generator
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the test set's mean errors, °/s: of readings (n, 3), and of corrected rates (2, n, 3), by method.
+    """Mean errors of the test set, °/s: of n readings (n, 3), and of corrected rates (2 methods, n, 3).
 
-    error (2, n, 6): errors of the parameters by method. number: of the parameter set. noise: °/s of a sample.
+    noise: standard deviation of one sample, °/s. number: of the parameter set.
+    error (2, n, 6): parameter errors by method, in the order k_x, k_y, k_z (no unit), b_x, b_y, b_z (°/s).
     """
     gyro = simulation.gyro_of(scenario.seed, number)
     rate = scenario.test_rate_dps / np.sqrt(3)
@@ -108,7 +113,7 @@ def mean_errors(
 
 
 def tables(found: Testset) -> Sequence[RenderableType]:
-    """Return a table of mean errors, °/s, one row per axis, and a table of the shares left after calibration."""
+    """Build a table of mean errors, °/s, one row per axis, and a table of the fractions left after calibration."""
     names = {BEFORE: "before", **WORDS}
     n = found.rows[0].error.n
     table = Columns(
@@ -131,7 +136,7 @@ def tables(found: Testset) -> Sequence[RenderableType]:
 
 
 def findings(found: Testset) -> Sequence[Finding]:
-    """Judge the paper's figure 8: whether the error is reduced to 3 % or less."""
+    """Judge figure 8 of Wang et al. 2024: calibration reduces the error of the rate to 3 % or less."""
     left = next(one for one in found.left if one.method == "algorithm1" and one.noise_dps == found.paper_left_noise_dps)
     return (
         Finding(

@@ -1,7 +1,7 @@
 """Trials of study `sensors`: sessions of the paper's two sensors, simulated one by one and calibrated by each method.
 
-The paper's turntable column is the truth, and the bias wanders as the device's noise model says. So the errors of b include
-the wander between two calibrations, as the paper's do.
+The turntable column of Wang et al. 2024 is the truth. The bias wanders by the device's noise model, so the errors of b
+include the wander between two calibrations, as in the paper.
 """
 
 from collections.abc import Sequence
@@ -30,7 +30,7 @@ _TASK = 5
 class SensorsScenario(Scenario, frozen=True, kw_only=True):
     """Scenario of study `sensors`: names in configs/study/sensors, the motion of each method, and the paper's limits.
 
-    paper_limit: largest error of k, and of b in °/s, by sensor.
+    paper_limit: largest error of k (no unit), and of b (°/s), by sensor.
     """
 
     sensors: tuple[str, ...]
@@ -45,12 +45,12 @@ Inputs = WithSensors[SensorsScenario]
 
 
 def inputs(scenario: SensorsScenario) -> Inputs:
-    """Read the files of a scenario's sensors. Raises ConfigError for an unknown or invalid one."""
+    """Read the files of a scenario's sensors. Raises ConfigError for an unknown sensor or an invalid file."""
     return WithSensors(scenario, {name: load_device(name) for name in scenario.sensors})
 
 
 def jobs(of: Inputs) -> Sequence[Job]:
-    """Return the jobs (sensor, method, first run, last run + 1), the longest first."""
+    """Jobs (sensor, method, first run, last run + 1) of a scenario, the longest first."""
     methods = sorted(METHODS, key=lambda method: method not in ("turntable", "accel_aided"))
     return [
         (name, method, first, min(first + _TASK, of.scenario.runs))
@@ -61,10 +61,15 @@ def jobs(of: Inputs) -> Sequence[Job]:
 
 
 def work(of: Inputs, job: Job) -> Arrays:
-    """Simulate and calibrate n sessions of one sensor by one method: one job.
+    """Run one job: simulate and calibrate n sessions of one sensor by one method.
 
-    Returns found (n, 6) and std (n, 6) in the order of PARAMETERS, b in °/s with the paper's sign; accepted (n,); lasts
-    (n,), duration of the session, s; took (n,), computing time, s.
+    Returns five arrays:
+
+        found      (n, 6)   estimates k_x, k_y, k_z (no unit), and b_x, b_y, b_z (°/s, the paper's sign)
+        std        (n, 6)   their standard deviations, in the same units
+        accepted   (n,)     True for verdict ACCEPTED
+        lasts      (n,)     duration of the session, s
+        took       (n,)     computing time, s
     """
     name, method, first, last = str(job[0]), str(job[1]), int(job[2]), int(job[3])
     found, std, accepted, lasts, took = [], [], [], [], []
@@ -94,10 +99,10 @@ def work(of: Inputs, job: Job) -> Arrays:
 def session_of(
     of: SensorsScenario, method: str, rng: np.random.Generator
 ) -> tuple[Sequence[Piece], tuple[float, ...], bool, float | None]:
-    """Return a random session of a method: its motion, and the facts given to the calibration.
+    """Create a random session of a method: its motion, and the facts given to the calibration.
 
-    That is: pieces of motion, known rates in °/s, whether the accelerometer is used, and its offset limit in m/s²,
-    which is None for the device's own.
+    Returns pieces of motion, known rates (°/s), True if the accelerometer is used, and the limit of its offset (m/s²).
+    The limit is None for the device's own.
     """
     if method == "turntable":
         return of.turntable.pieces(rng), of.turntable.rates_dps, False, None

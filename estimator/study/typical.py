@@ -1,4 +1,4 @@
-"""Figure 6 of the paper: one simulated session, with the stages found from its readings alone."""
+"""Figure 6 of Wang et al. 2024: one simulated session, with the stages found from its readings alone."""
 
 from collections.abc import Sequence
 
@@ -23,7 +23,7 @@ _AXES = ("x", "y", "z")
 class TypicalScenario(Scenario, frozen=True, kw_only=True):
     """Scenario of study `typical`: one session of parameter set `set_number` of the paper's simulation.
 
-    Noise in °/s, times in s.
+    Noise in °/s per reading, sample rate in Hz, times in s. turn_s: shortest and longest turn.
     """
 
     set_number: int
@@ -34,7 +34,7 @@ class TypicalScenario(Scenario, frozen=True, kw_only=True):
 
 
 class Stage(Struct, frozen=True):
-    """Begin and end of a turn, s, and its axis; simulated or found."""
+    """Turn about one axis, simulated or found: start and end, s from the start of the session."""
 
     axis: str
     begin_s: float
@@ -42,9 +42,9 @@ class Stage(Struct, frozen=True):
 
 
 class Parameter(Struct, frozen=True):
-    """One calibrated parameter: its truth, its estimate by Algorithm 1, and the standard deviation.
+    """Calibrated parameter: its truth, its estimate by Algorithm 1, and the standard deviation.
 
-    b in °/s with the paper's sign, k without unit.
+    b is in °/s with the paper's sign, k has no unit.
     """
 
     name: str
@@ -54,7 +54,10 @@ class Parameter(Struct, frozen=True):
 
 
 class Typical(Struct, frozen=True):
-    """Results of the study: readings of one session, °/s, its turns as simulated and found, and the calibration."""
+    """Results of the study: readings of one session, its turns as simulated and found, and the calibration.
+
+    time_s (n): s. reading_dps (3, n): readings by axis, °/s. noise_dps: noise of a reading, °/s.
+    """
 
     noise_dps: float
     time_s: list[float]
@@ -79,7 +82,7 @@ def _simulated(of: TypicalScenario, gyro: PaperGyro) -> tuple[NDArray[np.float64
 
 
 def results(of: TypicalScenario, _: Parts) -> Typical:
-    """Simulate a session, find the turns in its readings alone, and calibrate by Algorithm 1."""
+    """Simulate a session, find the turns in its readings alone (start and end in s), and calibrate by Algorithm 1."""
     truth = gyro_of(of.seed, of.set_number)
     gyro, turns = _simulated(of, truth)
     time_s = np.arange(1, len(gyro) + 1) / of.rate_hz
@@ -114,7 +117,7 @@ def _stages(recording: Recording) -> list[Stage]:
 
 
 def tables(found: Typical) -> Sequence[RenderableType]:
-    """Return a table of the turns as simulated and found, and a table of the parameters."""
+    """Build a table of the turns as simulated and found (s), and a table of the parameters."""
     stages = Columns(
         [Column(name, number=True) for name in ("turn about", "simulated s", "found s")],
         title=f"One simulated session, noise {found.noise_dps:g} °/s: {found.verdict}",
@@ -129,7 +132,7 @@ def tables(found: Typical) -> Sequence[RenderableType]:
 
 
 def findings(found: Typical) -> Sequence[Finding]:
-    """Return the finding on figure 6: it is reproduced if the three turns are found, their ends to 0.5 s."""
+    """Judge figure 6 of Wang et al. 2024: it is reproduced if three turns are found with ends within 0.5 s."""
     pairs = [(a, b) for a in found.simulated for b in found.found if a.axis == b.axis]
     off = max((abs(x - y) for a, b in pairs for x, y in ((a.begin_s, b.begin_s), (a.end_s, b.end_s))), default=0.0)
     # A hand starts and ends slowly: the first and last tenths of a second of a turn are hidden by noise.

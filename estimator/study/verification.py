@@ -1,4 +1,4 @@
-"""Simulates a sensor of the paper, calibrated by hand, then turned by a machine: sessions of figures 2, 9, 10."""
+"""Simulation of a sensor calibrated by hand, then turned by a machine, for figures 2, 9 and 10 of Wang et al. 2024."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,10 +17,10 @@ WORDS = {"raw": "readings", "turn360": "Algorithm 1", "closure": "closure", "pap
 
 
 class VerificationScenario(Scenario, frozen=True, kw_only=True):
-    """Scenario of figures 2, 9 and 10.
+    """Scenario of figures 2, 9 and 10 of Wang et al. 2024.
 
-    sensors: names in configs/study/sensors. hand: motion of the calibration. rate_dps: of the machine, °/s. rest_s: between
-    its turns, s.
+    sensors: names in configs/study/sensors. hand: motion of the calibration.
+    rate_dps: rate of the machine, °/s. rest_s: rest between its turns, s.
     """
 
     sensors: tuple[str, ...]
@@ -33,20 +33,22 @@ Inputs = WithSensors[VerificationScenario]
 
 
 def inputs(scenario: VerificationScenario) -> Inputs:
-    """Read the files of a scenario's sensors. Raises ConfigError for an unknown or invalid one."""
+    """Read the files of a scenario's sensors. Raises ConfigError for an unknown sensor or an invalid file."""
     return WithSensors(scenario, {name: load_device(name) for name in scenario.sensors})
 
 
 def jobs(of: Inputs) -> Sequence[Job]:
-    """Return the jobs (sensor, number of the run)."""
+    """Jobs (sensor, number of the run) of a scenario."""
     return [(name, run) for name in of.devices for run in range(of.scenario.runs)]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Verification:
-    """Machine part of a session: time_s (n,) from its begin, true rate (n, 3), and rates (n, 3) by key of WORDS, rad/s.
+    """Machine part of a session: true rates and corrected rates over time.
 
-    spins: (begin, end) of each turn with its ramps, s.
+    time_s (n,): time from its start, s. truth (n, 3): true rate, rad/s.
+    rates: arrays (n, 3), rad/s, by name: `raw` for readings, `turn360`, `closure` and `paper` for corrected rates.
+    spins: start and end of each turn with its ramps, s.
     """
 
     time_s: Floats
@@ -56,7 +58,7 @@ class Verification:
 
 
 def verify(of: Inputs, job: Job) -> Verification:
-    """Simulate one session: calibrate by hand, then turn each axis 360° one way and back, in one boot.
+    """Simulate one session in one boot: calibration by hand, then each axis turned 360° one way and back.
 
     job: (sensor, number of the run).
     """
@@ -84,7 +86,7 @@ def verify(of: Inputs, job: Job) -> Verification:
 
 
 def _spins(pieces: Sequence[Piece], recorded: Recorded, first: int) -> list[tuple[float, float]]:
-    """Begin and end of the machine's turns, s: its moving pieces longer than 2 s."""
+    """Start and end of the machine's turns, s: its moving pieces longer than 2 s."""
     begins = np.concatenate([[0.0], recorded.ends_s[:-1]]) - recorded.ends_s[first - 1]
     ends = recorded.ends_s - recorded.ends_s[first - 1]
     return [

@@ -1,4 +1,7 @@
-"""Worker processes that ignore Ctrl-C: a terminal sends it to every process, and each would print a traceback."""
+"""Worker processes that ignore Ctrl-C.
+
+A terminal sends Ctrl-C to every process, and each worker would otherwise print a traceback.
+"""
 
 import multiprocessing
 import signal
@@ -6,7 +9,7 @@ from multiprocessing.pool import Pool
 
 
 def started(workers: int | None) -> Pool:
-    """Start worker processes, one per processor if `workers` is None; the present process goes on handling SIGINT."""
+    """Start worker processes, one per processor if `workers` is None; the present process still handles SIGINT."""
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
         # Spawned, not forked: a copy of a process with threads may hang.

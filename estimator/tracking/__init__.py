@@ -1,4 +1,4 @@
-"""Bias tracking in one boot, with an honest uncertainty: a Kalman filter, and one file for each kind of evidence.
+"""Bias tracking in one boot: a Kalman filter with a consistent covariance, and one file for each kind of evidence.
 
-Begin at `tracker`, then `tracked_bias`, `bias_filter` and `evidence`. Every update leaves a receipt.
+Reading order: `tracker`, then `tracked_bias`, `bias_filter` and `evidence`. Every update leaves a receipt.
 """

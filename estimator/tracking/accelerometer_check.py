@@ -1,6 +1,7 @@
-"""Accelerometer check: whether its readings can be used, or it is dead, frozen or wrongly scaled.
+"""Accelerometer check: detects a dead, frozen or wrongly scaled accelerometer, so that tracking does not use it.
 
-A mirrored or swapped accelerometer looks right by itself, but repeatedly contradicts gravity carried by the gyro.
+The readings of a mirrored or swapped accelerometer look plausible by themselves. They repeatedly contradict gravity
+propagated by the gyro.
 """
 
 from estimator.state import StateStruct
@@ -21,10 +22,12 @@ SCALE_STD = 0.05
 
 
 class AccelerometerCheck(StateStruct):
-    """Accelerometer check: takes seconds and receipts of gravity's evidence, tells whether to use the accelerometer.
+    """Accelerometer check: takes seconds and receipts of the gravity evidence, and decides if the accelerometer is used.
 
-    balance: contradicting minus agreeing seconds, at least 0. row: contradicting seconds in a row. disbelieved: whether
-    the accelerometer is given up for this boot. alive: whether the readings have ever changed.
+    balance: contradicting minus agreeing seconds, at least 0.
+    row: contradicting seconds in a row.
+    disbelieved: True if the accelerometer is not used for the rest of this boot.
+    alive: True once the readings have changed.
     """
 
     disbelieved: bool = False
@@ -33,10 +36,10 @@ class AccelerometerCheck(StateStruct):
     alive: bool = False
 
     def fit(self, second: Second) -> bool:
-        """Return whether the accelerometer can be used in the next second.
+        """Return True if the accelerometer of a second can be used.
 
-        False when there is none, when it was given up or is frozen, or when its mean magnitude is outside the plausible
-        range.
+        False when there is none, when it was given up for this boot, or when it is frozen. False also when its mean
+        magnitude is outside 5 to 20 m/s².
         """
         fit = self._fit(second)
         if not fit:
@@ -51,9 +54,10 @@ class AccelerometerCheck(StateStruct):
         return (changing or not self.alive) and _WEAKEST < second.accel_strength < _STRONGEST
 
     def heard(self, receipt: Receipt) -> None:
-        """Count one second's receipt of gravity's evidence.
+        """Count the receipt of one second of gravity evidence.
 
-        A test ratio above 1 counts as a contradiction, any other as agreement.
+        A test ratio above 1 counts as a contradiction, any other as agreement. The accelerometer is given up at 30 more
+        contradictions than agreements.
         """
         against = receipt.test_ratio > 1
         self.row = self.row + 1 if against else 0
@@ -61,13 +65,10 @@ class AccelerometerCheck(StateStruct):
         self.disbelieved |= self.balance >= _PATIENCE
 
     def anew(self) -> None:
-        """Reset the counts of contradictions, because the bias was restarted."""
+        """Reset the counts of contradictions after a restart of the bias."""
         self.balance = self.row = 0
 
     @property
     def contradicts(self) -> bool:
-        """True if the accelerometer has contradicted the bias for `in_a_row` seconds in a row.
-
-        False once it is given up.
-        """
+        """True if the accelerometer has contradicted the bias for 5 seconds in a row; False once it is given up."""
         return self.row >= _IN_A_ROW and not self.disbelieved

@@ -1,9 +1,15 @@
 """Kalman filter of the gyro's bias (the reading at zero rate), built on filterpy.
 
-Letters of the equations: x the state, P its covariance, z a measurement with covariance R, H its observation matrix, F the
-transition matrix, Q the process noise. The state begins with the present bias, rad/s, and its slope by temperature, rad/s/K;
-evidence that needs more states (gravity.py) appends them. Knobs, state and receipts are separate: a filter built from a saved
-state continues as if it had never stopped.
+Letters of the equations:
+
+    x   state (n,): present bias (3) rad/s, its slope by temperature (3) rad/s/K, then appended states
+    P   covariance of x (n, n), in squares of the units of x
+    z   measurement (m,) with covariance R (m, m) and observation matrix H (m, n)
+    F   transition matrix (n, n)
+    Q   process noise (n, n)
+
+The gravity evidence (gravity.py) appends its states. Settings, state and receipts are separate objects: a filter built
+from a saved state continues without a difference.
 """
 
 from functools import lru_cache
@@ -30,8 +36,8 @@ _BEND_K = 1.0
 class FilterState(StateStruct):
     """Saved state of a bias filter.
 
-    now: the present bias state. unsure (3,), (rad/s/K)²: variance of the slope under the temperature law, before
-    evidence.
+    now: the present bias state.
+    unsure (3,): variance of the slope under the temperature law, before evidence, (rad/s/K)².
     """
 
     now: BiasState
@@ -52,6 +58,7 @@ class Step(NamedTuple):
 class BiasFilter:
     """Kalman filter of bias (3) rad/s and its slope by temperature (3) rad/s/K; `state` may be copied at any time.
 
+    state: initial state. knobs: process noise; None uses the defaults.
     law: temperature law from earlier boots, or None.
     """
 
@@ -73,19 +80,20 @@ class BiasFilter:
         self._bent_c = state.bent_c
 
     def restart(self, state: BiasState) -> None:
-        """Discard the present state and continue from another one."""
+        """Discard the present state and continue from `state`."""
         self._take(state)
         self._unsure = self._law_var(self.temperature_c)
 
     @property
     def saved(self) -> FilterState:
-        """State to save for `resume`: all that evolves from second to second."""
+        """State to save for `resume`: everything that changes from second to second."""
         return FilterState(self.state, self._unsure)
 
     def resume(self, saved: FilterState, law: TemperatureLaw | None) -> None:
-        """Restore what `saved` returned, under a temperature law or None.
+        """Restore a state saved by `saved`.
 
-        Raises ValueError when the state is damaged.
+        law: temperature law from then on, or None.
+        Raises ValueError when the state is damaged: wrong shapes, values that are not finite, or negative variances.
         """
         n = len(saved.now.x)
         shaped(saved.now.x, n, finite=True)
@@ -98,10 +106,10 @@ class BiasFilter:
         self._unsure = saved.unsure
 
     def look_back(self, state: BiasState, time: float, temperature_c: float = np.nan) -> None:
-        """Set the filter to the bias at a device time, s, before a given state.
+        """Set the filter to its estimate for a device time, s, earlier than that of `state`.
 
-        The random walk is as long backward as forward.
-        temperature_c: °C at that time, NaN when unknown.
+        The random walk adds the same variance backward as forward.
+        temperature_c: temperature at that time, °C; NaN when unknown.
         """
         self.restart(state)
         self.predict(2 * state.time - time, temperature_c)
@@ -109,12 +117,12 @@ class BiasFilter:
 
     @property
     def x(self) -> Floats:
-        """(n,) current state: bias (3) rad/s, slope (3) rad/s/K, then the appended states; read only."""
+        """Current state (n,): bias (3) rad/s, slope (3) rad/s/K, then the appended states; read only."""
         return self._x
 
     @property
     def cov(self) -> Floats:
-        """(n, n) covariance of the current state, in squares of the units of `x`; read only."""
+        """Covariance (n, n) of the current state, in squares of the units of `x`; read only."""
         return self._P
 
     @property
@@ -123,10 +131,11 @@ class BiasFilter:
         return BiasState(self._x.copy(), self._P.copy(), self.time, self.temperature_c, self._powered, self._bent_c)
 
     def predict(self, time: float, temperature_c: float = np.nan, carried: Step | None = None) -> Step | None:
-        """Predict the state to a device time, s: the bias walks, other states move by `carried`.
+        """Predict the state to a device time, s: the bias walks, appended states move by `carried`.
 
-        temperature_c: °C at that time, NaN when unknown. carried: step of the appended states, which moves neither bias
-        nor slope; it is modified and returned with the walk added. Returns None when time does not advance.
+        temperature_c: temperature at that time, °C; NaN when unknown.
+        carried: prediction step of the appended states, which moves neither bias nor slope. It is modified.
+        Returns the step with the random walk added. Returns None when time does not advance.
         """
         dt, known = time - self.time, isfinite(temperature_c)
         step = _stays(self._x) if carried is None else carried
@@ -152,7 +161,7 @@ class BiasFilter:
         return step
 
     def settle(self) -> None:
-        """Call at the end of a second: make the covariance symmetric again after rounding."""
+        """Make the covariance symmetric again after rounding; call at the end of each second."""
         P = self._P + self._P.T
         P *= 0.5
         self._P = P
@@ -165,7 +174,7 @@ class BiasFilter:
     def expect(self, law: TemperatureLaw, *, learnt: bool = False) -> None:
         """Use a temperature law from now on; its slope and variance replace the tracked ones.
 
-        learnt: the tracked slope was estimated under this law; the slope is kept.
+        learnt: True if the tracked slope was estimated under this law; the slope is then kept.
         """
         self.law, self._unsure = (
             law,
@@ -178,7 +187,7 @@ class BiasFilter:
             P[SLOPE, SLOPE] = np.diag(self._unsure)
 
     def unlearn(self) -> Floats:
-        """Give the temperature law up, and add the variance of an unknown slope to that of the tracked one.
+        """Give up the temperature law, and add the prior variance of the slope to that of the tracked slope.
 
         Returns the added covariance (3, 3), (rad/s/K)².
         """
@@ -189,9 +198,9 @@ class BiasFilter:
 
     @property
     def against_law(self) -> float:
-        """Distance of the slope from the law, in standard deviations of the evidence; largest of three axes.
+        """Difference between the tracked slope and the law's slope, in standard deviations; the largest of three axes.
 
-        0 without a law or without a temperature.
+        The standard deviation is that of the evidence. 0 without a law or without a temperature.
         """
         if self.law is None or not np.isfinite(self.temperature_c):
             return 0.0
@@ -218,10 +227,10 @@ class BiasFilter:
         return np.sqrt(self._unsure - before), warmer, np.concatenate([by * warmer, 2 * by])
 
     def walked(self, dt: float, *, known: bool | None = None) -> float:
-        """Variance, (rad/s)², that the random walk adds to the bias in dt seconds.
+        """Variance per axis, (rad/s)², that the random walk adds to the bias in dt seconds.
 
-        known: whether a temperature reading explains warming; by default whether one was read. If not, warming up adds
-        to the walk.
+        known: True if a temperature reading explains warming; by default True once a temperature was read. If False,
+            warming up adds to the walk.
         """
         known, knobs = isfinite(self.temperature_c) if known is None else known, self.knobs
         var = knobs.rate_random_walk**2 * self.pace * dt
@@ -235,18 +244,22 @@ class BiasFilter:
         self.widened = cov if self.widened is None else self.widened + cov
 
     def extend(self, own: BiasState) -> None:
-        """Replace the state by one whose first six states are the filter's own, with more states appended."""
+        """Replace the state by `own`: the filter's six states with more states appended."""
         self._take(own)
 
     def weigh(self, evidence: Evidence) -> Receipt:
-        """Receipt of a measurement as `update` would give it at its gate, without changing the filter."""
+        """Compute the receipt that `update` would give for a measurement, without changing the filter.
+
+        `accepted` tells if the NIS passes the gate.
+        """
         innovation, cov, _, nis = weighed(evidence.z, evidence.H, evidence.R, self._x, self._P, 0)
         return self._said(evidence, innovation, cov, nis)
 
     def update_both(self, first: Evidence, then: Evidence) -> tuple[Receipt, Receipt]:
-        """Update with two simultaneous measurements, in one step when both pass their gates; returns both receipts.
+        """Update with two simultaneous measurements, and return both receipts.
 
-        Otherwise each is applied by `update`, one after the other.
+        The update is one step when both pass their gates and `first` has no common variance. Otherwise `update` applies
+        one after the other.
         """
         m = len(first.z)
         z, H = np.concatenate([first.z, then.z]), np.concatenate([first.H, then.H])
@@ -261,9 +274,10 @@ class BiasFilter:
         return said
 
     def update(self, evidence: Evidence) -> Receipt:
-        """Update with a measurement of the present if its NIS passes its gate; returns the receipt.
+        """Update with a measurement of the present state if its NIS passes its gate; return the receipt.
 
-        Soft evidence is always applied: beyond the gate with less weight.
+        Soft evidence is always applied if its NIS is finite. Beyond the gate its R is enlarged until the NIS just
+        passes.
         """
         receipt = self.weigh(evidence)
         if receipt.accepted or (evidence.soft and isfinite(receipt.nis)):
@@ -282,10 +296,11 @@ class BiasFilter:
         self._x, self._P = kf.x, kf.P
 
     def update_late(self, evidence: Evidence, time: float, celsius: float) -> Receipt:
-        """Update with evidence of the bias at an earlier device time, s, and temperature, °C, if it passes its gate.
+        """Update with a measurement of the bias at an earlier time, if its NIS passes its gate; return the receipt.
 
-        The random walk w since then is in the error of the state and, reversed, in the evidence: M is their covariance.
-        Neglected: the information on w in the updates since then. Returns the receipt.
+        time: device time of the measurement, s. celsius: temperature at that time, °C; NaN when unknown.
+        The random walk since then is part of the error of the present state and, reversed, of the measurement. The
+        filter uses their covariance M (n, m). It neglects the information on the walk in the updates since then.
         """
         m, n, walk = len(evidence.z), len(self._x), self.walked(self.time - time)
         H, M, then = np.zeros((m, n)), np.zeros((n, m)), self._P.copy()

@@ -1,4 +1,4 @@
-"""Bias monitor: doubts the tracked bias when rests, gravity or lack of evidence speak against it."""
+"""Bias monitor: raises a doubt about the tracked bias when rests or gravity contradict it, or when evidence is missing."""
 
 from collections.abc import Sequence
 from math import degrees
@@ -23,12 +23,14 @@ _INFLATION = 3.0
 
 
 class BiasMonitor(StateStruct):
-    """Bias monitor: takes receipts, gives reasons to doubt the bias, or the end of a doubt.
+    """Bias monitor: takes receipts, and gives reasons to doubt the bias or ends a doubt.
 
-    why: reasons of the present doubt, or empty. contradictions: by part of the bias (level, vertical), their number
-    since a rest last agreed. refused: by part, error of the latest contradiction, rad/s, and its kind. agreed: parts
-    that rests have agreed with since the doubt began. consistency: latest innovations. Raises ValueError for unknown
-    parts.
+    why: reasons of the present doubt, or empty.
+    contradictions: by part of the bias (level, vertical), number of contradictions since a rest last agreed.
+    refused: by part, error of the latest contradiction, rad/s, and its kind of evidence.
+    agreed: parts that rests have agreed with since the doubt began.
+    consistency: check of the latest innovations.
+    Raises ValueError for unknown parts.
     """
 
     why: Sentences = ()
@@ -43,7 +45,7 @@ class BiasMonitor(StateStruct):
 
     @property
     def stands(self) -> bool:
-        """True if the bias is doubted; independent of the life cycle state, so a recalibration does not hide it."""
+        """True if the bias is doubted, whatever the life cycle state; a recalibration does not hide a doubt."""
         return bool(self.why)
 
     def anew(self) -> None:
@@ -54,11 +56,11 @@ class BiasMonitor(StateStruct):
         self.consistency = InnovationConsistency()
 
     def take(self, receipts: Sequence[Receipt], surprises: Sequence[Receipt], *, rested: bool = True) -> None:
-        """Add the receipts of rests, to count contradictions and check consistency.
+        """Add the receipts of rests: count contradictions, and check the consistency of innovations.
 
-        surprises: receipts from before the filter widened the bias, used for consistency only.
-        rested: whether a rest was proven since a restart. Before that ZARU receipts do not count for consistency: the
-        first quiet second may be a breath, and could cause a doubt by itself.
+        surprises: receipts from before the filter enlarged its covariance, used for consistency only.
+        rested: True if a rest was proven since the restart. Before that, ZARU receipts do not count for consistency,
+            because the first quiet second may contain a breath.
         """
         for receipt in (*surprises, *receipts):
             if rested or not receipt.kind.startswith("zaru"):
@@ -82,10 +84,10 @@ class BiasMonitor(StateStruct):
                 self.agreed.add(part)
 
     def news(self, age_s: float, *, gravity: bool) -> Sentences:
-        """Reasons for a new doubt; empty when there is none or the bias is already doubted.
+        """Reasons for a new doubt about the bias; empty when there is none, or when the bias is already doubted.
 
-        age_s: seconds since the last accepted rest, or since one was waited for. gravity: the accelerometer contradicts
-        the bias.
+        age_s: seconds since the last accepted rest, or since tracking began to wait for one.
+        gravity: True if the accelerometer contradicts the bias.
         """
         reason: Sentence | None = None
         against = [self.refused[part] for part in _PARTS if self.contradictions[part] >= CONTRADICTIONS]
@@ -106,10 +108,10 @@ class BiasMonitor(StateStruct):
         return self.why
 
     def settled(self, age_s: float, *, sure: bool, gravity: bool) -> bool:
-        """End the doubt if rests have confirmed every part, the bias is sure, and nothing speaks against it.
+        """End the doubt if rests have confirmed every part of the bias and nothing contradicts it; return True if it ended.
 
-        Returns whether the doubt ended. age_s, gravity: as in `news`. sure: whether the bias' standard deviation is
-        small enough.
+        age_s, gravity: as in `news`.
+        sure: True if the standard deviation of the bias is small enough, which is also required.
         """
         against = gravity or self.consistency.inflation > _INFLATION
         against = against or age_s > EVIDENCE_AGE_S  # unproven rests do not end the wait

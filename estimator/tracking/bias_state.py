@@ -1,4 +1,4 @@
-"""State of the bias filter, its initial value, and its process noise; letters as in bias_filter.py."""
+"""State of the bias filter (bias in rad/s, slope by temperature in rad/s/K), its initial value, and its process noise."""
 
 from dataclasses import dataclass
 from math import exp, expm1, radians
@@ -15,7 +15,10 @@ OWN = 6
 
 @dataclass(frozen=True, slots=True)
 class BiasKnobs:
-    """Process noise of the bias: settings; rates in rad/s, times in s."""
+    """Process noise of the bias: settings; rates in rad/s, times in s, temperatures in K.
+
+    rate_random_walk, warm_up_walk: rad/s per root second. per_kelvin: rad/s/K. curvature: rad/s/K².
+    """
 
     #: rate random walk at a constant temperature, rad/s per root second
     rate_random_walk: float = radians(8e-4)
@@ -32,9 +35,9 @@ class BiasKnobs:
     flicker: float = 0.0
 
     def warmed(self, since_power_up: float, dt: float) -> float:
-        """Variance, (rad/s)², that warming up adds to the bias in dt s, where no temperature is known.
+        """Variance per axis, (rad/s)², that warming up adds to the bias in dt seconds, where no temperature is known.
 
-        since_power_up: s from power-up to the begin of these dt seconds.
+        since_power_up: seconds from power-up to the start of this interval.
         """
         fading = exp(-max(0.0, since_power_up) / self.warm_up_s)
         return self.warm_up_walk**2 * fading * -expm1(-dt / self.warm_up_s) * self.warm_up_s
@@ -42,10 +45,12 @@ class BiasKnobs:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BiasState:
-    """State of the bias filter: x (n,), covariance P (n, n), device time, s, temperature, °C, and power-up time, s.
+    """State of the bias filter at a device time, s: x (n,) with covariance P (n, n).
 
-    x: bias (3) rad/s, its slope by temperature (3) rad/s/K, and appended states. The temperature is an average over the
-    last seconds; the latest reading is lag_k kelvin above it.
+    x: bias (3) rad/s, its slope by temperature (3) rad/s/K, and appended states.
+    temperature_c: average over the last seconds, °C; NaN when unknown.
+    powered: device time of power-up, s; -inf when unknown.
+    lag_k: latest temperature reading minus the average, K.
     """
 
     x: Floats
@@ -59,17 +64,17 @@ class BiasState:
 
     @property
     def bias(self) -> Floats:
-        """(3,) estimated bias (reading at zero rate), rad/s."""
+        """Estimated bias (3,), the reading at zero rate, rad/s."""
         return self.x[BIAS]
 
     @property
     def bias_cov(self) -> Floats:
-        """(3, 3) covariance of the bias, (rad/s)²."""
+        """Covariance (3, 3) of the bias, (rad/s)²."""
         return self.P[BIAS, BIAS]
 
     @property
     def std(self) -> Floats:
-        """(3,) standard deviation of the bias, rad/s."""
+        """Standard deviation (3,) of the bias, rad/s."""
         return np.asarray(np.sqrt(np.diag(self.P)[BIAS]))
 
 
@@ -82,9 +87,9 @@ def start(
     temperature_c: float = np.nan,
     powered: float = -np.inf,
 ) -> BiasState:
-    """Initial state of the bias filter from a bias (3,) rad/s with covariance cov (3, 3).
+    """Initial state of the bias filter from a bias (3,), rad/s, with covariance cov (3, 3), (rad/s)².
 
-    The slope is zero, as uncertain as the prior.
+    The slope by temperature is zero, with the prior variance of `knobs`.
     time, powered: device time now and at power-up, s. temperature_c: °C, NaN when unknown.
     """
     P = np.zeros((OWN, OWN))

@@ -1,8 +1,8 @@
-"""Bounded-motion evidence: a wearer who breathes, sways or dozes turns to and fro, but not away.
+"""Bounded-motion evidence of the bias: a wearer who breathes, sways or dozes turns to and fro, but not away.
 
-Over a long stretch the mean true rate is the rotation from the first attitude to the last, divided by the time. How far the
-body swings is measured in the stretch itself. The measured bias is that of the stretch's mean time: temperature change and
-random walk lie between it and the present one.
+Over a stretch of 30 s the mean true rate is the rotation from the first attitude to the last, divided by the time. The
+stretch itself shows the angle by which the body swings, which bounds this rotation.
+The measurement is the mean bias of the stretch. Temperature change and random walk separate it from the present bias.
 """
 
 from dataclasses import dataclass, replace
@@ -50,9 +50,11 @@ class _Refused:
 
 
 class BoundedMotion(StateStruct):
-    """Bounded-motion evidence of the bias: takes quiet seconds, gives receipts for each whole stretch.
+    """Bounded-motion evidence of the bias: takes quiet seconds, and gives receipts for each complete stretch of 30 s.
 
-    seconds: of the present stretch. refused: stretches by kind of evidence. Raises ValueError for wrong shapes.
+    seconds: the present stretch so far.
+    refused: series of refused stretches that agree with each other, by kind of evidence.
+    Raises ValueError for arrays of wrong shape.
     """
 
     seconds: list[_Kept] = msgspec.field(default_factory=list)
@@ -67,10 +69,11 @@ class BoundedMotion(StateStruct):
             shaped(refused.cov, 3, 3)
 
     def take(self, second: Second, bias: BiasFilter, up: Floats | None = None) -> list[Receipt]:
-        """Add the next second, after predicting the filter to its end; at the end of a stretch, update the filter.
+        """Add the next second; at the end of a stretch, update the filter and return the receipts, else an empty list.
 
-        up (3,): direction of gravity's reading, None without an accelerometer. Returns the receipts of a complete
-        stretch, else an empty list.
+        bias: the filter, already predicted to the end of the second.
+        up (3,): gravity in sensor axes, of any length; None without an accelerometer.
+        A stretch in which the body swings more than 10° gives no receipts.
         """
         self.seconds.append(
             (second.start, second.end, second.mean, second.mean_var, second.common_var, bias.temperature_c)
@@ -104,7 +107,7 @@ class BoundedMotion(StateStruct):
         return receipts
 
     def _ends_var(self, way: Floats) -> Floats:
-        """(m,) variance of the distance between begin and end of a way (n, m): twice its swing, more if it swings rarely."""
+        """(m,) variance of the distance between start and end of a way (n, m): twice its swing, more if it swings rarely."""
         swing = way - way.mean(axis=0)
         crossed = np.count_nonzero(np.diff(swing > 0, axis=0), axis=0)
         doubt = 1 + (_RETURNS / np.maximum(crossed, 1)) ** 2

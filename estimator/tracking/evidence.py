@@ -1,4 +1,7 @@
-"""Evidence given to the filter, and the receipt of each update; letters as in bias_filter.py."""
+"""Evidence (a measurement for the bias filter), and the receipt of each update.
+
+Letters: measurement z with covariance R and observation matrix H, state x (bias in rad/s first).
+"""
 
 from typing import NamedTuple
 
@@ -12,11 +15,13 @@ GATES = {1: 23.93, 2: 27.63, 3: 30.66}
 
 
 class Evidence(NamedTuple):
-    """A measurement of the filter's state: z (m,) = H (m, n) x + noise of covariance R (m, m).
+    """Measurement of the filter's state: z (m,) = H (m, n) x + noise of covariance R (m, m).
 
-    kind: name of the kind of evidence, such as `zaru level`. common_var (m,): the part of R that is the same error in
-    every measurement; averaging cannot reduce it.
-    gate: the largest accepted NIS. soft: beyond the gate R is enlarged until the NIS fits, instead of a refusal.
+    Units: z as the kind of evidence (rad/s for a bias, m/s for a velocity), R their square.
+    kind: name of the kind of evidence, such as `zaru level`.
+    common_var (m,): variance of the error that is the same in every measurement, part of R; averaging cannot reduce it.
+    gate: largest accepted NIS.
+    soft: True to enlarge R beyond the gate until the NIS fits, instead of refusing the measurement.
     """
 
     kind: str
@@ -29,10 +34,13 @@ class Evidence(NamedTuple):
 
 
 class Receipt(NamedTuple):
-    """Receipt of a filter update: innovation (m,) = measured - predicted, its covariance, test ratio = NIS / gate.
+    """Receipt of a filter update: innovation (m,) = measured - predicted, its covariance (m, m), and test ratio NIS / gate.
 
-    time: device time, s. kind: as in `Evidence`. accepted: whether the filter was updated. reason: why it was not, or a
-    remark; may be empty.
+    Units: innovation as the measurement (rad/s or m/s), covariance its square.
+    time: device time, s. kind: as in `Evidence`.
+    accepted: True if the filter was updated.
+    reason: why it was not updated, or a remark; may be empty.
+    nis: normalised innovation squared, no unit.
     """
 
     time: float

@@ -1,19 +1,25 @@
-"""Gravity evidence: gravity, carried through any motion by the gyro, compared with the accelerometer.
+"""Gravity evidence: gravity propagated by the gyro through any motion, compared with the accelerometer.
 
-Appended to the filter's state, all in the present device axes: gravity g (3) m/s² as a resting accelerometer would read it,
-velocity v (3) m/s, accelerometer bias (3) m/s², relative change of the gyro's matrix (9, row by row). Over a span
+States appended to the filter, all in the present sensor axes:
 
-    g' = C^T g,   v' = C^T (v + push - g T),   bias, accelerometer bias and matrix stay.
+    g   gravity (3) m/s², as a resting accelerometer would read it
+    v   velocity (3) m/s
+        accelerometer bias (3) m/s²
+        relative change of the gyro matrix (9, row by row), no unit
 
-Nothing measures gravity itself. But a wearer's velocity is bounded, so its mean over a span is measured as zero. The
-error of this depends on the unrest of the span. A wrong bias tilts g, and a tilted g makes v run away: so the bias becomes
-observable. Unrest is how far the velocity strays within the span, not the acceleration: shaking goes nowhere, a slow swing
-does. The mean is used because motion to and fro within a second cancels in it. v sampled once a second would show that as
-slow motion. A walker's velocity does not cancel: it stays the same for many seconds, which then count as one
-(steady_motion.py). The gyro's scale and misalignment are states, since 0.4 % of 100 °/s is more than any bias: a span
-determines the bias only as well as they are known.
+Over a span of T seconds, with rotation C and velocity change `push` from strapdown.py:
+
+    g' = C^T g,   v' = C^T (v + push - g T),   accelerometer bias and matrix stay.
+
+Gravity has no direct measurement. But the velocity of a wearer is bounded, so its mean over a span is measured as zero.
+A wrong bias tilts g, and a tilted g makes v grow without limit. So the bias becomes observable.
+
+The error of this measurement depends on the unrest of the span. Unrest is how far the velocity varies within the span,
+m/s, not the acceleration. The mean velocity is used because motion to and fro within a second cancels in it. A walker's
+velocity does not cancel, and stays the same for many seconds, which then count as one (steady_motion.py).
+The gyro's scale and misalignment are states, since 0.4 % of 100 °/s is more than any bias.
 Source: bounded-velocity aiding as in inertial navigation, P. D. Groves, "Principles of GNSS, Inertial, and Multisensor
-Integrated Navigation Systems", 2nd ed. (2013), ch. 15; spans from strapdown.py.
+Integrated Navigation Systems", 2nd ed. (2013), ch. 15.
 """
 
 from dataclasses import dataclass, replace
@@ -40,7 +46,11 @@ _VELOCITY_SEEN = np.eye(SIZE)[VELOCITY]
 
 @dataclass(frozen=True, slots=True)
 class GravityKnobs:
-    """Noise settings of gravity's evidence: accelerations in m/s², velocities in m/s."""
+    """Noise settings of the gravity evidence: accelerations in m/s², velocities in m/s, angles in rad.
+
+    accel_noise: m/s² per root Hz. accel_walk: m/s² per root second. accel_pose: m/s² per rad. way_share: rad per rad.
+    speed_per_unrest: m/s per m/s. doubt: NIS with 3 degrees of freedom.
+    """
 
     #: m/s, standard deviation of a wearer's mean speed over a span: without unrest, added for each m/s of unrest, and at most.
     #: A limb shaken harder gets no farther; a walker reaches the limit
@@ -67,9 +77,10 @@ class GravityKnobs:
 
 
 class GravityState(StateStruct):
-    """State of the gravity evidence, beside the filter's own state.
+    """State of the gravity evidence, beside the states in the filter.
 
-    known: whether g and v in the filter's state are current. lasting: for a wearer whose velocity lasts.
+    known: True if gravity and velocity in the filter's state are current.
+    lasting: detector of steady motion, as in walking.
     """
 
     known: bool = False
@@ -77,7 +88,7 @@ class GravityState(StateStruct):
 
 
 class Gravity:
-    """Gravity evidence for one bias filter: carries gravity and velocity over spans, and measures velocity as zero."""
+    """Gravity evidence for one bias filter: propagates gravity and velocity over spans, and measures velocity as zero."""
 
     def __init__(self, knobs: GravityKnobs, state: GravityState | None = None) -> None:
         self.knobs, self.state = knobs, state or GravityState()
@@ -85,9 +96,9 @@ class Gravity:
         self._resting = Evidence("gravity", _NONE, _VELOCITY_SEEN, stays, knobs.doubt, soft=True)
 
     def extend(self, state: BiasState, scale_std: Floats, cross_std: Floats) -> BiasState:
-        """Append this evidence's 18 states to a bias state, which gives SIZE states; gravity itself is not known yet.
+        """Append the 18 gravity states to a bias state, which gives SIZE (24) states; gravity itself is not known yet.
 
-        scale_std, cross_std (3,): relative standard deviations of the gyro's matrix, on and off its diagonal.
+        scale_std, cross_std (3,): relative standard deviations of the gyro matrix, on and off its diagonal.
         """
         x, P = np.zeros(SIZE), np.zeros((SIZE, SIZE))
         x[:OWN], P[:OWN, :OWN] = state.x[:OWN], state.P[:OWN, :OWN]
@@ -99,17 +110,18 @@ class Gravity:
         return replace(state, x=x, P=P)
 
     def lose(self) -> None:
-        """Mark gravity as unknown, because the motion was not measured."""
+        """Mark gravity and velocity as unknown, because the motion was not measured."""
         self.state.known, self.state.lasting.before = False, None
 
     def carry(
         self, span: Span, bias: BiasFilter, gyro_noise: float, unseen_turn: float = 0.0, unseen_push: float = 0.0
     ) -> Step:
-        """Return the prediction step over a span for `BiasFilter.predict`: gravity and velocity move, and gain noise.
+        """Prediction step over a span for `BiasFilter.predict`: gravity and velocity move, and gain noise.
 
-        The span must have been integrated with the filter's own bias and matrix. If gravity is not known, it begins
-        here.
-        gyro_noise: white noise of the rates, rad/s per root Hz. unseen_turn, rad, unseen_push, m/s: see `Second`.
+        The span must have been integrated with the filter's own bias and matrix. If gravity is not known, it starts
+        from this span's mean acceleration.
+        gyro_noise: white noise of the rates, rad/s per root Hz.
+        unseen_turn, unseen_push: uncertainty from lost samples, rad and m/s, see `Second`.
         """
         if not self.state.known:
             self._begin(span, bias)
@@ -123,7 +135,10 @@ class Gravity:
         return Step(*carried(bias.x, bias.cov, span.rows, kept, G, noise))
 
     def evidence(self, span: Span, *, resting: bool) -> Evidence:
-        """Zero-velocity evidence, m/s, for the span just carried: of its mean, or at its end for a resting device."""
+        """Zero-velocity measurement (3,), m/s, for the span just propagated.
+
+        resting: True for a resting device; the measured velocity is then that at the end of the span, else its mean.
+        """
         if resting:
             return self._resting
         # In axes of the end: mean = v - C^T (push - shift / T) + g T / 2. The effect of a wrong bias within the span is small.
@@ -133,10 +148,10 @@ class Gravity:
         return Evidence("gravity", span.rows[DRIFT], H, R, self.knobs.doubt, soft=True)
 
     def heard(self, receipt: Receipt, span: Span, *, resting: bool) -> None:
-        """Pass the receipt of this evidence for a span to the steady motion detector.
+        """Pass the receipt of the zero-velocity measurement of a span to the steady-motion detector.
 
-        An unlikely receipt (of mirrored axes, say) or one of a resting device is no sign of walking, and restarts the
-        detector.
+        The detector restarts if the device rests or the test ratio is above 1, as with mirrored axes. Such a receipt
+        does not show walking.
         """
         if resting or receipt.test_ratio > 1:
             self.state.lasting.before = None

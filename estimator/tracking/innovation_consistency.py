@@ -1,6 +1,6 @@
-"""Innovation consistency: whether the filter's innovations are as large as it claims, and white.
+"""Innovation consistency: checks that the filter's innovations have the claimed covariance and are white.
 
-The result is a factor by which standard deviations are enlarged.
+The result is a factor, at least 1, that enlarges standard deviations.
 """
 
 from functools import cache
@@ -24,10 +24,12 @@ _FREEDOMS = range(1, 4)
 
 
 class InnovationConsistency(StateStruct, dict=True):
-    """Consistency check: takes receipts, gives the factor by which standard deviations are to be enlarged.
+    """Consistency check of innovations: takes receipts, and gives the factor that enlarges standard deviations.
 
-    Latest receipts, at most WINDOW: NIS, degrees of freedom, and mean normalised innovation (`signs`) of each. Raises
-    ValueError when the lists do not match.
+    The latest receipts, at most 40, are kept in three lists:
+    nis: NIS of each receipt. freedoms: its degrees of freedom. signs: mean of its innovations, each over its standard
+        deviation.
+    Raises ValueError when the lists do not match.
     """
 
     nis: list[float] = msgspec.field(default_factory=list)
@@ -57,7 +59,7 @@ class InnovationConsistency(StateStruct, dict=True):
 
     @property
     def mean_nis(self) -> float:
-        """Mean NIS per degree of freedom: 1 for a consistent filter, NaN without receipts."""
+        """Mean NIS per degree of freedom, no unit: 1 for a consistent filter, NaN without receipts."""
         if self._inflation is None:
             self._inflation = self._inflated()
         return self._mean
@@ -73,7 +75,10 @@ class InnovationConsistency(StateStruct, dict=True):
 
     @property
     def inflation(self) -> float:
-        """Factor for standard deviations: 1, or more when innovations are too large or correlated."""
+        """Factor for standard deviations: above 1 when innovations are too large or correlated beyond chance, else 1.
+
+        The probability of a false alarm is 0.001.
+        """
         if self._inflation is None:
             self._inflation = self._inflated()
         return self._inflation

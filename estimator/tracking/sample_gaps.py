@@ -1,7 +1,7 @@
 """Integration error of a second with lost samples.
 
-The integral holds the first reading after a hole over all of it. The lost readings would have differed from it by the
-step between the readings around the hole, and by a usual step between neighbours for each lost sample.
+The integral holds the first reading after a gap over the whole gap. The lost readings differ from it by the step
+between the readings around the gap. They also differ by a usual step between neighbours for each lost sample.
 """
 
 import numpy as np
@@ -16,10 +16,11 @@ _LEAST = 5e-5
 
 
 def unseen(dt: Floats, reading: Floats, before: Floats) -> float:
-    """Rms error of the integral of readings (n, k), each held for dt (n,) s, caused by lost samples.
+    """Rms error of the integral of readings from lost samples, in the readings' unit times s.
 
-    before (k,): the reading before the first. Units: those of the readings times s. Holes longer than `seconds.GAP_S`
-    make the second unusable instead.
+    dt (n,): time for which each reading is held, s.
+    reading (n, k): gyro (rad/s) or accelerometer (m/s²) readings. before (k,): the reading before the first.
+    The caller rejects seconds with gaps above `seconds.GAP_S`.
     """
     usual = max(float(np.median(dt)), _LEAST)
     holes = dt > HOLE * usual

@@ -1,4 +1,4 @@
-"""Cuts a stream into seconds and marks those unfit for tracking.
+"""Cutting of a sample stream into seconds, with a mark on seconds that are unfit for tracking.
 
 A second with clipped or stuck readings, or with a gap, does not measure rotation.
 """
@@ -29,15 +29,19 @@ GAP_S = 0.25
 
 
 class Second(NamedTuple):
-    """One second of n samples, from `start` (time of the sample before) to `end`; dt (n,) s, gyro and accel (n, 3).
+    """One second of n samples in sensor axes, from `start` (time of the sample before) to `end`, device time in s.
 
-    still: whether all of it was judged still. flaw: why the second does not measure rotation, or empty. mean, std (3,)
-    rad/s: of the gyro readings. mean_var (3,): variance of the mean at rest; common_var (3,): its part from rounding,
-    the same error in all means. noise_std (3,): noise of a reading as known then.
-    accel_mean, accel_std (3,): None without accelerometer. accel_strength: mean magnitude, m/s², NaN without.
-    celsius: mean temperature, °C, NaN where unknown.
-    last: number of the last sample, counted from the first one fed. unseen_turn, rad, unseen_push, m/s: rms uncertainty
-    of angle and velocity change from lost samples.
+    dt (n,): sample intervals, s. gyro (n, 3): rad/s. accel (n, 3): m/s², or None.
+    still: True if the whole second was judged still.
+    flaw: why the second does not measure rotation, or empty.
+    mean, std (3,): mean and standard deviation of the gyro readings, rad/s.
+    mean_var (3,): variance of the mean at rest, (rad/s)². common_var (3,): its part from rounding, equal in all means.
+    noise_std (3,): standard deviation of one reading at rest as known then, rad/s.
+    accel_mean, accel_std (3,): mean and standard deviation of the accelerometer readings, m/s², or None.
+    accel_strength: mean magnitude, m/s²; NaN without an accelerometer.
+    celsius: mean temperature, °C; NaN when unknown.
+    unseen_turn (rad), unseen_push (m/s): rms uncertainty of angle and velocity change from lost samples.
+    last: number of the last sample, counted from the first one of the stream.
     """
 
     start: float
@@ -69,8 +73,11 @@ class Second(NamedTuple):
 class SecondsState(StateStruct):
     """Saved state of `Seconds`.
 
-    gathered (9,) and waiting (k, 6): see second_cuts.py. before (9,): last sample before the second being gathered.
-    step (3,): least difference of readings ever seen, rad/s. noisy: axes whose readings never repeat at rest.
+    gathered (9,), waiting (k, 6): arrays `state` and `waiting` of second_cuts.py.
+    before (9,): last sample before the present second, or None: time (s), gyro (rad/s), accelerometer (m/s²), clipped,
+        °C.
+    step (3,): smallest difference between readings so far, rad/s.
+    noisy: per axis, True if the readings never repeat at rest.
     """
 
     gathered: Floats
@@ -81,7 +88,7 @@ class SecondsState(StateStruct):
 
 
 class Seconds:
-    """Cuts the stream of stillness windows into seconds. The cuts depend on the samples alone, not on their batching."""
+    """Cutter of a stream of stillness windows into seconds. The cuts depend on the samples alone, not on their batches."""
 
     def __init__(self) -> None:
         self._state, self._waiting = nothing_gathered()
@@ -93,14 +100,16 @@ class Seconds:
 
     @property
     def state(self) -> SecondsState:
-        """State to save for `restore`, without the samples being gathered or waiting."""
+        """State to save for `restore`, without the samples themselves."""
         x, y, z = self._noisy.tolist()
         waiting = self._waiting[: int(self._state[1])]
         return SecondsState(self._state, waiting, self._before, self._step, (x, y, z))
 
     def restore(self, state: SecondsState, first: int, samples: Floats) -> None:
-        """Restore a state, with the samples (n, 9) of the windows so far, numbered from `first` on.
+        """Restore a saved state, with the samples that it still needs.
 
+        samples (n, 9): numbered from `first` on; time (s), gyro (rad/s), accelerometer (m/s²), clipped, temperature
+            (°C).
         Raises ValueError when the state is damaged or needs other samples.
         """
         shaped(state.gathered, 9)
@@ -119,7 +128,7 @@ class Seconds:
 
     @property
     def spikes(self) -> int:
-        """Number of spikes (single readings far from both neighbours) mended in all windows so far."""
+        """Number of spikes corrected in all windows so far; a spike is a single reading far from both neighbours."""
         return int(self._state.item(-1))
 
     def take(self, windows: Windows) -> list[tuple[int, Second]]:
@@ -138,7 +147,7 @@ class Seconds:
         return found
 
     def skip(self, windows: Windows) -> None:
-        """Leave out the next windows (one or more): discard them, the unfinished second and all windows that wait."""
+        """Leave out the next windows (one or more), and discard the unfinished second with all windows that wait."""
         let_go(self._state, windows.moved)
         self._parts, self._before = [], windows.samples[1][-1]
 

@@ -1,6 +1,7 @@
 """Rauch-Tung-Striebel smoother, by filterpy: later evidence improves earlier biases.
 
-Stored for each second: the filter's own six states after all evidence, and the step from the second before.
+Stored for each second: the filter's first six states (bias and slope) after all evidence, and the prediction step from
+the second before.
 """
 
 from bisect import bisect_right
@@ -17,7 +18,7 @@ _P, _F, _Q = slice(1, 1 + OWN), slice(1 + OWN, 1 + 2 * OWN), slice(1 + 2 * OWN, 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Smoothed:
-    """Smoothed bias at m times: time (m,) s, bias (m, 3) rad/s, standard deviation std (m, 3) rad/s."""
+    """Smoothed bias (m, 3), rad/s, at m device times (m,), s, with standard deviation std (m, 3), rad/s."""
 
     time: Floats
     bias: Floats
@@ -34,7 +35,10 @@ class _Step:
 
 
 class History:
-    """Filter steps stored for smoothing; when there are more than `most`, every second one is merged into the next."""
+    """Buffer of filter steps for smoothing.
+
+    most: largest number of steps, None without a limit. Beyond it, every second step is merged into the next.
+    """
 
     def __init__(self, most: int | None = None) -> None:
         self._most = most
@@ -46,8 +50,9 @@ class History:
     def add(self, time: float, x: Floats, P: Floats, step: Step, bent: Floats | None = None) -> None:
         """Store the filter's state x (n,) and covariance P (n, n) at a device time, s, and the step that predicted them.
 
-        step: the prediction's matrices F and Q (n, n). n and units as in bias_filter.py; its first 6 states are kept.
-        bent (6,): known change that the prediction added to these states, or None.
+        x: bias (3) rad/s, slope by temperature (3) rad/s/K, then appended states; the first 6 are kept.
+        step: prediction step with F and Q (n, n).
+        bent (6,): known change that the prediction added to the first 6 states, in their units, or None.
         """
         known = self._steps[-1].known if self._steps else _NOTHING
         F = step.F[:OWN, :OWN]
@@ -60,9 +65,9 @@ class History:
             self._thin()
 
     def doubt(self, cov: Floats, since: float, now: float) -> None:
-        """Add a covariance (3, 3), (rad/s)², to the bias walk, spread evenly over the steps from `since` to `now`.
+        """Add a covariance (3, 3), (rad/s)², to the stored bias walk, spread evenly over the steps from `since` to `now`.
 
-        since, now: device times, s. since -inf: the covariance is added to every stored state instead.
+        since, now: device times, s. With since -inf, the covariance is added to every stored state instead.
         """
         if np.isneginf(since):
             for step in self._steps:

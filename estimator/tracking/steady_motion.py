@@ -1,16 +1,17 @@
-"""Steady motion: detects a walker, whose velocity stays the same from second to second and then says little.
+"""Detection of steady motion: a walker, with a velocity that stays the same over many seconds.
 
-Gravity's evidence takes the mean velocity of each second as zero, with an error. A walker's velocity is that of many seconds
-before: n of them tell no more than one, until a corner changes it and shows that all were wrong alike. The innovations show
-this. The product of neighbouring innovations, in the same axes, relative to the measurement's variance R,
+The gravity evidence measures the mean velocity of each second as zero, with an independent error. A walker's velocity
+persists, so the errors of n seconds are one error rather than n. The innovations (m/s) reveal this by their
+correlation:
 
-    c = mean over the last minute of (innovation · the one before) / (3 R),
+    c = mean over the last minute of (innovation · the one before, in the same axes) / (3 R)
 
-is about 0.2 in a walk while the filter takes the walker's velocity for a tilt and hides it; 0.6 once the filter no longer does.
-For a wearer who moves about in one place c stays below 0.1, however fast. R grows with the excess of c over that; the more R
-has grown, the more of a walk c shows.
+R is the variance of the measurement, (m/s)² per axis; c has no unit. In a walk c is about 0.2 while the filter explains
+the velocity by a tilt, and 0.6 once it does not. For a wearer who moves about in one place c stays below 0.1, however
+fast. R grows in proportion to c - 0.1.
 Source: innovation correlation as a measure of R, R. K. Mehra, "On the identification of variances and adaptive Kalman
-filtering", IEEE Trans. Automatic Control 15 (1970); the coefficients from tests/bench/honesty.py and tests/bench/tracking.py.
+filtering", IEEE Trans. Automatic Control 15 (1970). The coefficients come from tests/bench/honesty.py and
+tests/bench/tracking.py.
 """
 
 from estimator.state import Floats, StateStruct
@@ -24,9 +25,10 @@ _ONE = 2.0
 
 
 class SteadyMotion(StateStruct):
-    """Steady motion detector: takes a velocity innovation per second of movement, gives the factor for its variance.
+    """Steady-motion detector: takes one velocity innovation per second of movement, and gives a factor for its variance.
 
-    shared: innovation correlation c. before: the previous innovation, m/s, or None.
+    shared: innovation correlation c, no unit.
+    before: the previous innovation, m/s, or None.
     """
 
     shared: float = 0.0
@@ -34,14 +36,15 @@ class SteadyMotion(StateStruct):
 
     @property
     def factor(self) -> float:
-        """Factor, at least 1, by which R exceeds that of a velocity independent from second to second."""
+        """Factor, 1 to 160, on the variance R, (m/s)², of a velocity that is independent from second to second."""
         return min(_MOST, 1.0 + _GROWTH * max(0.0, self.shared - _BOUNDED))
 
     def heard(self, innovation: Floats, var: float, end: Floats, seconds: float) -> None:
-        """Add the velocity innovation (3,) m/s of a span, in axes at the span's end.
+        """Add the velocity innovation (3,), m/s, of a span, in sensor axes at the span's end.
 
-        var: variance of the measurement before `factor`, (m/s)². end (3, 3): attitude of the span's end in axes of its
-        begin. seconds: length of the span.
+        var: variance of the measurement before `factor`, (m/s)² per axis.
+        end (3, 3): rotation from sensor axes at the span's end to those at its start.
+        seconds: length of the span, s.
         """
         a, b, c = innovation.tolist()
         if self.before is not None:

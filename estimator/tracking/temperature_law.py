@@ -1,4 +1,4 @@
-"""Temperature law of a bias: bias(T) = offset of the boot + linear (T - T0) + quadratic (T - T0)² + random walk."""
+"""Temperature law of a gyro bias (rad/s): offset of the boot + linear (T - T0) + quadratic (T - T0)² + random walk."""
 
 from dataclasses import dataclass
 
@@ -10,10 +10,12 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TemperatureLaw:
-    """Temperature law of one device.
+    """Temperature law of one device: coefficients of the bias about a reference temperature.
 
-    linear (3,) rad/s/K and quadratic (3,) rad/s/K² about reference_c, T0 in °C; cov (3, 2, 2): covariance of the two by axis.
-    Raises ValueError for other shapes.
+    reference_c: T0, °C.
+    linear (3,): rad/s/K, one per axis. quadratic (3,): rad/s/K².
+    cov (3, 2, 2): covariance of (linear, quadratic) for each axis, in squares of their units.
+    Raises ValueError for arrays of other shapes.
     """
 
     reference_c: float
@@ -27,14 +29,14 @@ class TemperatureLaw:
                 raise ValueError(f"a temperature law has {array.shape}, expected {shape}")
 
     def slope(self, celsius: float) -> Floats:
-        """(3,) slope of the bias at a temperature, rad/s/K."""
+        """Slope (3,) of the bias at a temperature in °C, rad/s/K."""
         return self.linear + 2 * (celsius - self.reference_c) * self.quadratic
 
     def slope_var(self, celsius: float) -> Floats:
-        """(3,) variance of the slope at a temperature, (rad/s/K)²; it grows away from the temperatures seen."""
+        """Variance (3,) of the slope at a temperature in °C, (rad/s/K)²; it grows away from the temperatures of the data."""
         by = np.array([1.0, 2 * (celsius - self.reference_c)])
         return np.asarray(self.cov @ by @ by)
 
     def change(self, from_c: float, to_c: float) -> Floats:
-        """(3,) change of the bias, rad/s, from temperature from_c to temperature to_c, °C."""
+        """Change (3,) of the bias, rad/s, from temperature from_c to temperature to_c, °C."""
         return (to_c - from_c) * self.slope((from_c + to_c) / 2)

@@ -1,8 +1,9 @@
-"""Fits a device's temperature law to its boots by generalised least squares, axis by axis.
+"""Fit of a device's temperature law to its boots by generalised least squares, axis by axis.
 
-The offset of each boot is unknown, the random walk is part of the covariance, and a prior gives the usual size of the
-coefficients. A boot whose points scatter gets less weight, and boots that disagree widen the covariance (R. T. Birge,
-Phys. Rev. 40 (1932) 207).
+The offset of each boot is unknown. The random walk is part of the covariance. A prior gives the usual size of the
+coefficients.
+A boot whose points scatter gets less weight, and boots that disagree widen the covariance (R. T. Birge, Phys. Rev. 40
+(1932) 207).
 """
 
 from collections.abc import Sequence
@@ -26,9 +27,9 @@ _LEAST_STD = 1e-6
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Points:
-    """m tracked biases of one boot in time order, to which a temperature law is fitted.
+    """Tracked biases of one boot at m device times in order, as data for a temperature law.
 
-    time (m,) device s, bias (m, 3) rad/s, its standard deviation std (m, 3) rad/s, temperature_c (m,) °C.
+    time (m,): s. bias (m, 3): rad/s. std (m, 3): its standard deviation, rad/s. temperature_c (m,): °C.
     """
 
     time: Floats
@@ -40,8 +41,8 @@ class Points:
 def learn(boots: Sequence[Points], knobs: BiasKnobs) -> TemperatureLaw | None:
     """Fit the temperature law of a device to some of its boots.
 
-    knobs: rate random walk, and prior size of the coefficients. None without a boot whose temperatures span
-    LEAST_SPAN_K.
+    knobs: rate random walk, and prior size of the coefficients.
+    Returns None if in no boot the temperatures span 2 K.
     """
     walk = knobs.rate_random_walk
     boots = [_apart(boot, walk) for boot in boots if len(boot.time)]

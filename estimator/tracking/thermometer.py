@@ -1,6 +1,7 @@
-"""Filtered temperature of a device: averaged, and leaps accepted only when they persist.
+"""Temperature filter of a device: averages the readings over 10 s, and accepts sudden changes only when they persist.
 
-If noise counted as warmth, the bias filter would conclude, surer every second, that temperature does not move the bias.
+Without the average, thermometer noise would count as temperature change. The bias filter would then conclude, with
+false certainty, that temperature does not change the bias.
 """
 
 from math import expm1, isfinite
@@ -23,8 +24,9 @@ _STALE_S = 60.0
 class Thermometer(StateStruct):
     """Temperature filter: averages the readings. Temperatures in °C, times in device s; NaN when unknown.
 
-    averages: recent ones as (device time s, °C). leapt: device time, s, since which readings exceed a leap, or None.
-    reading: latest accepted, unfiltered, °C.
+    averages: recent averages as pairs (device time s, °C).
+    leapt: device time since which the readings are too far from the average, s, or None.
+    reading: latest accepted reading, unfiltered, °C.
     """
 
     averages: list[tuple[float, float]] = msgspec.field(default_factory=list)
@@ -42,7 +44,10 @@ class Thermometer(StateStruct):
         return self.reading - self.now if self.averages else 0.0
 
     def read(self, time: float, celsius: float) -> None:
-        """Add a reading at a device time, s; a reading that is not finite is ignored."""
+        """Add a reading, °C, at a device time, s; a reading that is not finite is ignored.
+
+        A change of more than 2 K from the average must last 10 s before readings are accepted again.
+        """
         if not isfinite(celsius):
             return
         if self.averages and abs(celsius - self.now) > self._believable(time):
@@ -59,9 +64,9 @@ class Thermometer(StateStruct):
         del kept[:-_KEPT]
 
     def ahead(self, time: float, celsius: float) -> float:
-        """Average, °C, that a reading `celsius` at device time `time`, s, would give, without adding the reading.
+        """Average, °C, that a reading `celsius` (°C) at device time `time` (s) would give, without adding the reading.
 
-        The present average when the reading leaps too far.
+        A reading too far from the present average leaves the average unchanged.
         """
         if not self.averages:
             return celsius
@@ -77,14 +82,14 @@ class Thermometer(StateStruct):
     def go_on(self, time: float, celsius: float) -> None:
         """Restart the average from a stored one, °C, at a device time, s; all other averages are discarded.
 
-        Nothing happens when it is not finite.
+        A stored average that is not finite has no effect.
         """
         if isfinite(celsius):
             self.averages.clear()
             self.averages.append((time, celsius))
 
     def go_on_with(self, time: float, celsius: float, lag: float) -> None:
-        """Add a reading, °C, at a device time, s; if it is the first, the average begins `lag` K below it."""
+        """Add a reading, °C, at a device time, s; after a first reading, the average begins `lag` K below the reading."""
         first = not self.averages
         self.read(time, celsius)
         if first:
@@ -93,7 +98,7 @@ class Thermometer(StateStruct):
     def at(self, time: float) -> float:
         """Average temperature, °C, at a device time, s, by interpolation.
 
-        NaN without readings or long after the last one.
+        Returns NaN without readings, or more than 60 s after the last one.
         """
         if self.averages and time - self.averages[-1][0] > _STALE_S:
             return float("nan")

@@ -1,4 +1,4 @@
-"""Tilt check: whether gravity turns while the gyro seems to rest, as in a slow turn about a horizontal axis."""
+"""Tilt check: detects that gravity turns while the gyro seems to rest, as in a slow turn about a horizontal axis."""
 
 from math import atan2, hypot, sqrt
 
@@ -17,18 +17,19 @@ SETTLED_S = 5.0
 
 
 class TiltCheck(StateStruct):
-    """Tilt check: takes quiet seconds, and tells whether the device tilts. Restarts when the device moves.
+    """Tilt check: takes quiet seconds, and detects a slow tilt of the device. Restarts when the device moves.
 
-    seen: whether gravity turns. means: recent times, s, mean readings of gravity, and their variance along an axis.
+    seen: True while gravity turns.
+    means: recent tuples of device time (s), mean accelerometer reading (3) m/s², and its variance per axis, m²/s⁴.
     """
 
     seen: bool = False
     means: list[tuple[float, tuple[float, float, float], float]] = msgspec.field(default_factory=list)
 
     def watch(self, second: Second) -> bool:
-        """Add a quiet second; returns whether gravity has turned since the device became quiet, or within over_s.
+        """Add a quiet second; return True if gravity has turned since the device became quiet, or within the last 10 s.
 
-        False without accelerometer readings.
+        The limit is 4 standard deviations of the angle. False without accelerometer readings.
         """
         if second.accel_mean is None or second.accel_std is None:
             return False
@@ -53,7 +54,7 @@ class TiltCheck(StateStruct):
         return turned
 
     def would_show(self, rate: float, second: Second) -> bool:
-        """Return whether a tilting turn at this rate, rad/s, would have been noticed by the end of this second."""
+        """Return True if a tilting turn at this rate, rad/s, would have been detected by the end of this second."""
         seen_s = (second.start + second.end) / 2 - (self.means[0][0] if self.means else 0.0)
         least = (SIGMAS + 1) * sqrt(2) * ACCEL_FLOOR / G
         return bool(seen_s >= min(least / rate, OVER_S - 1.5))

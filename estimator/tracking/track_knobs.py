@@ -10,7 +10,10 @@ from estimator.tracking.gravity import GravityKnobs
 
 @dataclass(frozen=True, slots=True)
 class TrackKnobs:
-    """Settings of the bias tracker: times in device seconds, rates in rad/s, accelerations in m/s²."""
+    """Settings of the bias tracker: times in device seconds, rates in rad/s, accelerations in m/s².
+
+    learn_matrix: True to use the gyro matrix that the gravity evidence estimates while the device is worn.
+    """
 
     #: rad/s; a bias with a greater standard deviation counts as unknown
     bias_std: float = np.radians(0.2)

@@ -1,4 +1,4 @@
-"""Tracked bias of one boot: its estimate, its start value, and doubts about it."""
+"""Tracked bias of one boot: its estimate, its start value, and reasons to doubt it."""
 
 from dataclasses import replace
 
@@ -31,9 +31,13 @@ _LEFT = 0.8
 class TrackerState(StateStruct):
     """Saved state of a tracker without the smoother's history, which restarts after a restore.
 
-    evidenced: whether a rest of this boot is known. evidence_time: device time, s, of the last accepted rest. gap:
-    begin and end, s, of the latest gap in the evidence, not yet smoothed. kept: restored bias state, until the stream
-    reaches its time. supposed (2, 3): prior mean and std of a bias without evidence of its own, or None.
+    law_refuted: True if this boot's bias contradicts the temperature law.
+    evidenced: True if a rest of this boot is known.
+    evidence_time: device time of the last accepted rest, s.
+    gap: start and end of the latest gap in the evidence that is not yet smoothed, device time in s, or None.
+    kept: restored bias state, until the stream reaches its time; else None.
+    supposed (2, 3): prior mean and standard deviation, rad/s, of a bias that is still based on the gyro model alone;
+        else None.
     """
 
     filter: FilterState
@@ -57,8 +61,9 @@ class TrackerState(StateStruct):
 class TrackedBias:
     """Tracked bias of one boot with its uncertainty, and the reasons to doubt or trust it.
 
-    model: gyro model at device time `began`, s; its bias has standard deviation bias_std (3,) rad/s. law: temperature
-    law from earlier boots, given up for the rest of the boot when the evidence disagrees with it.
+    began: device time of the start, s. model: gyro model at that time.
+    bias_std (3,): standard deviation of the model's bias, rad/s.
+    law: temperature law from earlier boots. It is given up for the rest of the boot when the evidence contradicts it.
     """
 
     def __init__(
@@ -87,7 +92,7 @@ class TrackedBias:
         self._kept: BiasState | None = None  # restored state, until the stream reaches the time it was saved at
 
     def saved(self) -> TrackerState:
-        """State to save for `go_on`; encode it at once, because its parts are shared with the running tracker."""
+        """State to save for `go_on`. Encode it at once, because it shares its parts with the running tracker."""
         return TrackerState(
             self._filter.saved,
             self.law,
@@ -108,10 +113,13 @@ class TrackedBias:
         )
 
     def go_on(self, saved: TrackerState, model: GyroModel, first: int, samples: Floats) -> None:
-        """Restore a saved state, bit for bit; model: the gyro model in use.
+        """Restore a saved state exactly.
 
-        first, samples: number of the first sample still needed, and these samples (n, 9). Raises ValueError when the
-        state is damaged; the tracker is then unusable.
+        model: the gyro model in use.
+        samples (n, 9): the samples still needed; time (s), gyro (rad/s), accelerometer (m/s²), clipped, temperature
+            (°C).
+        first: number of the first of these samples.
+        Raises ValueError when the state is damaged; the tracker is then unusable.
         """
         self._model, self.law, self.law_refuted = model, saved.law, saved.law_refuted
         self._filter.resume(saved.filter, saved.law)
@@ -128,7 +136,7 @@ class TrackedBias:
 
     @property
     def state(self) -> BiasState:
-        """Copy of the current state of the bias filter: bias, rad/s, its slope, and their covariance."""
+        """Copy of the current state of the bias filter: bias (rad/s), its slope (rad/s/K), and their covariance."""
         return self._filter.state
 
     @property
@@ -138,24 +146,27 @@ class TrackedBias:
 
     @property
     def time(self) -> float:
-        """End of the last tracked second, device time, s."""
+        """Device time at the end of the last tracked second, s."""
         return self._filter.time
 
     @property
     def bias(self) -> Floats:
-        """(3,) estimated bias (reading at zero rate), rad/s.
+        """Estimated bias (3,), the reading at zero rate, rad/s.
 
-        Kept near a usual turn-on bias on axes without evidence.
+        Axes without evidence stay near a usual turn-on bias.
         """
         return self._usual(self._filter)
 
     @property
     def std(self) -> Floats:
-        """(3,) standard deviation of the bias, rad/s; enlarged when innovations show that the filter is overconfident."""
+        """Standard deviation (3,) of the bias, rad/s; enlarged when innovations show that the filter is overconfident."""
         return np.asarray(np.sqrt(self._filter.cov.diagonal()[BIAS]) * self.doubt.consistency.inflation)
 
     def ahead(self, time: float, celsius: float | None = None) -> tuple[Floats, Floats]:
-        """Predict bias and standard deviation, (3,) rad/s each, to a later device time, s, at a temperature, °C."""
+        """Predict the bias and its standard deviation, (3,) rad/s each, to a later device time, s.
+
+        celsius: temperature reading at that time, °C; None keeps the present temperature.
+        """
         if not time > self.time:
             return self.bias, self.std
         now = self._filter
@@ -176,10 +187,11 @@ class TrackedBias:
 
     @property
     def taught(self) -> Floats | None:
-        """Change of the matrix as gravity shows it, (21,): relative change (9), by rows, then rms errors; None before.
+        """Correction of the gyro matrix estimated from gravity, (21,); None before the first accelerometer readings.
 
-        The errors are those of the changed matrix (9), relative, and of the accelerometer (3), m/s². The change is zero
-        until every scale factor is known to 1 %.
+        Order: relative change of the matrix (9, by rows), rms errors of the changed matrix (9, relative), rms errors of
+            the accelerometer (3, m/s²).
+        The change is zero until every scale factor is known to 1 %.
         """
         if len(self._filter.x) == OWN:
             return None
@@ -194,14 +206,15 @@ class TrackedBias:
 
     @property
     def matrix(self) -> Floats:
-        """(3, 3) gyro matrix in use, without the later correction from gravity (`taught`)."""
+        """Gyro matrix (3, 3) in use, no unit, without the later correction from gravity (`taught`)."""
         return self._model.matrix
 
     @property
     def surer(self) -> bool:
-        """True if gravity has determined the matrix better than it was known before, so that it can come into use.
+        """True if gravity has determined the matrix better than it was known before, so that the correction can be used.
 
-        False where `TrackKnobs.learn_matrix` is off, or where anything speaks against bias or accelerometer.
+        Requires that the summed variance of the matrix elements is below 0.8 of its earlier value. False when
+        `TrackKnobs.learn_matrix` is off, or when any evidence contradicts the bias or the accelerometer.
         """
         if not self.knobs.learn_matrix or len(self._filter.x) == OWN or not self._scale_known:
             return False
@@ -213,14 +226,14 @@ class TrackedBias:
 
     @property
     def sure(self) -> bool:
-        """True if the bias is known better than `TrackKnobs.bias_std` on all axes."""
+        """True if the standard deviation of the bias is below `TrackKnobs.bias_std` (rad/s) on all axes."""
         most = self.knobs.bias_std / self.doubt.consistency.inflation
         return all(var < most * most for var in self._filter.cov.diagonal()[BIAS].tolist())
 
     def evidence_age(self, now: float) -> float:
         """Seconds from the last accepted rest to device time `now`, s.
 
-        Infinite when no rest is known, as after a restore.
+        Infinite when no rest of this boot is known.
         """
         return now - self._evidence_time if self._evidenced else np.inf
 
@@ -232,15 +245,18 @@ class TrackedBias:
         return {**spikes, **disbelieved}
 
     def smoothed(self, since: float = -np.inf) -> Smoothed | None:
-        """Smoothed bias of each second after device time `since`, s; its std is enlarged like `std`.
+        """Smoothed bias of each second after device time `since`, s; None without data.
 
-        None without data.
+        Its standard deviation is enlarged like `std`.
         """
         found = self._history.smoothed(since)
         return None if found is None else replace(found, std=found.std * self.doubt.consistency.inflation)
 
     def improved(self) -> tuple[float, Smoothed] | None:
-        """Length of the last gap in the evidence, s, and the smoothed bias since its begin; None except once after a gap."""
+        """Length of the last gap in the evidence, s, and the smoothed bias since its start.
+
+        The result comes once after each gap; otherwise None.
+        """
         if self._gap is None or self._evidence_time - self._gap[1] < self.knobs.settled_s:
             return None
         (begin, end), self._gap = self._gap, None
@@ -248,7 +264,10 @@ class TrackedBias:
         return None if smoothed is None else (end - begin, smoothed)
 
     def supposed(self, model: GyroModel, bias_std: Floats, time: float) -> None:
-        """Restart from a gyro model's bias with bias_std (3,) rad/s at a device time, s; nothing of this boot is known."""
+        """Restart from a gyro model's bias, as prior without any evidence of this boot.
+
+        bias_std (3,): standard deviation of this bias, rad/s. time: device time, s.
+        """
         self._believe(model, start(model.bias, np.diag(bias_std**2), time, self.knobs.bias, powered=self._began))
         self._supposed = np.array([model.bias, bias_std])
 
@@ -259,7 +278,7 @@ class TrackedBias:
             self._filter.extend(self._gravity.extend(self._filter.state, model.scale_std, model.cross_std))
 
     def corrected_by(self, model: GyroModel) -> None:
-        """Use a gyro model whose matrix was estimated from gravity (see `surer`); tracking continues."""
+        """Use a gyro model with a matrix estimated from gravity (see `surer`); tracking continues."""
         self._model = model
         x = self._filter.x.copy()
         x[MATRIX] = 0.0
@@ -288,20 +307,20 @@ class TrackedBias:
     def expect(self, law: TemperatureLaw, *, learnt: bool) -> None:
         """Use a temperature law from now on; its slope replaces the tracked one.
 
-        learnt: keep the slope, estimated under it.
+        learnt: True if the tracked slope was estimated under this law; the slope is then kept.
         """
         self.law = law
         self._filter.expect(law, learnt=learnt)
 
     def doubts(self, now: float) -> Sentences:
-        """Reasons why the bias is doubted from device time `now`, s, on.
+        """Reasons for a new doubt about the bias at device time `now`, s.
 
-        Empty when there is none or the doubt is not new.
+        Empty when there is none, or when the bias is already doubted.
         """
         return self.doubt.news(now - self._evidence_time, gravity=self._gravity_disagrees)
 
     def trusts(self) -> bool:
-        """End the doubt of the bias if the rests since have resolved it; returns whether it was ended."""
+        """End the doubt about the bias if the rests since have resolved it; return True if it ended."""
         age_s = self.time - self._evidence_time
         return self.doubt.settled(age_s, sure=self.sure, gravity=self._gravity_disagrees)
 

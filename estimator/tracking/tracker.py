@@ -22,9 +22,10 @@ _SAME_S = 1e-3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RestBias:
-    """A rest as a measurement of the bias: mean (3,) rad/s, covariance cov (3, 3) and common_var (3,), both (rad/s)².
+    """Rest as a measurement of the bias: mean reading (3,), rad/s, with covariance cov (3, 3), (rad/s)².
 
-    common_var: the part of the variance that all readings share. middle, end: device time, s.
+    common_var (3,): part of the variance that is the same error in all readings, (rad/s)².
+    middle, end: device time, s.
     """
 
     bias: Floats
@@ -35,10 +36,10 @@ class RestBias:
 
 
 class Tracker(TrackedBias):
-    """Bias tracker of one boot: takes stillness windows; gives bias, uncertainty, and reasons to doubt or trust both."""
+    """Bias tracker of one boot: takes seconds of samples; gives bias, uncertainty, and reasons to doubt or trust the bias."""
 
     def calibrated(self, model: GyroModel, cov: Floats, time: float, rest: RestBias) -> None:
-        """Start again from a calibration: its bias with covariance cov (3, 3) rad²/s² at `time`, s.
+        """Restart from a calibration: its bias with covariance cov (3, 3), (rad/s)², at device time `time`, s.
 
         rest: the bias measured in the still period after the last turn.
         """

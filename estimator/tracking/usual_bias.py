@@ -1,9 +1,9 @@
-"""Keeps a bias without evidence near usual values.
+"""Prior for a bias without evidence: keeps the estimate near usual turn-on values.
 
-A few gyros of an unknown kind start with a bias of 5 °/s, and the prior must be as wide as that; most start within 0.5
-°/s. In an axis that evidence does not reach, a wide prior lets the estimate follow every error of the evidence. Here
-its mean is taken under the usual prior, unless the evidence contradicts that; its covariance stays that of the wide
-one.
+A few gyros of an unknown kind start with a bias of 5 °/s, so the filter's prior must be that wide. Most start within
+0.5 °/s. On an axis that evidence does not reach, a wide prior lets the estimate follow every error of the evidence.
+This module computes the mean of the bias under the usual, narrow prior instead, unless the evidence contradicts that
+prior. The covariance stays that of the wide prior.
 """
 
 from estimator.kernels.usual_bias import narrowed
@@ -14,9 +14,13 @@ _KNOWN = 1e-3
 
 
 def nearer(bias: Floats, cov: Floats, mean: Floats, wide_std: Floats, usual_std: float) -> Floats:
-    """(3,) mean of the bias under a usual prior, from its estimate (3,) with covariance (3, 3) under a wide one. rad/s.
+    """Mean (3,) of the bias under a narrow prior, rad/s, from its estimate under a wide prior.
 
-    mean (3,): of both priors; wide_std (3,), usual_std: their standard deviations.
+    bias (3,), cov (3, 3): the estimate under the wide prior, rad/s, and its covariance, (rad/s)².
+    mean (3,): mean of both priors, rad/s.
+    wide_std (3,), usual_std: standard deviations of the wide and the narrow prior, rad/s.
+    Returns `bias` unchanged when it is known well, when it contradicts the narrow prior, or when the wide prior is not
+    wider.
     """
     if max(cov.diagonal().tolist()) < _KNOWN * usual_std**2 or not min(wide_std.tolist()) > usual_std:
         return bias

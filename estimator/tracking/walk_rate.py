@@ -1,9 +1,9 @@
-"""Estimates how fast the bias of this boot walks (rate random walk), from its own rests.
+"""Estimate of the rate random walk of this boot's bias, from its own rests.
 
-A bank of random walks runs beside the bias filter, one scalar filter a hypothesis and axis: the model's rate random
-walk times a factor. The rests' means give each its likelihood. The factor in use is the mean of theirs on a logarithmic
-scale, weighted by probability. Warming up is expected by all of them alike: rests of minutes do not show that it has
-ended.
+A bank of scalar Kalman filters runs beside the bias filter: one for each axis and each hypothesis. A hypothesis is the
+model's rate random walk times a factor. The mean readings of rests give each hypothesis its likelihood. The factor in
+use is the mean of all factors on a logarithmic scale, weighted by probability.
+All hypotheses expect the same warm-up drift, because rests of minutes do not show that warming up has ended.
 Source: multiple-model estimation, D. T. Magill, "Optimal adaptive estimation of sampled stochastic processes", IEEE
 Trans. Automatic Control 10 (1965).
 """
@@ -33,11 +33,14 @@ _N = len(_FACTORS)
 
 
 class WalkRate(StateStruct):
-    """Bank of h random walks of one boot: takes rests, gives `pace`, the factor of the walk's variance.
+    """Bank of h random-walk hypotheses of one boot: takes rests, and gives `pace`, a factor on the variance of the walk.
 
-    told (h,): log-likelihoods; x (h, 3) rad/s, P (h, 3) (rad/s)² means and variances. time, s, and celsius, °C: of the
-    last measurement. block: seconds of the next one so far, as (end, mean, variance, °C). Raises ValueError for wrong
-    shapes.
+    told (h,): log-likelihoods.
+    x (h, 3), P (h, 3): mean of the bias, rad/s, and its variance, (rad/s)², under each hypothesis.
+    time, celsius: device time (s) and temperature (°C) of the last measurement.
+    block: seconds of the next measurement so far, as tuples of end (s), mean (3,) rad/s, its variance (3,) (rad/s)²,
+        and °C.
+    Raises ValueError for arrays of wrong shape.
     """
 
     told: Floats = msgspec.field(default_factory=lambda: np.zeros(_N))
@@ -56,10 +59,10 @@ class WalkRate(StateStruct):
             shaped(var, 3, finite=True)
 
     def take(self, second: Second, bias: BiasState, knobs: BiasKnobs, powered: float) -> bool:
-        """Add a second of rest; after every five in a row, update `pace` from their mean and return True.
+        """Add a second of rest; after every five in a row, update `pace` from their mean and return True, else False.
 
-        bias: state of the bias filter at the end of the second; knobs: its settings. powered: device time of the
-        power-up, s; -inf when unknown, and then nothing warms up.
+        bias: state of the bias filter at the end of the second. knobs: its settings.
+        powered: device time of power-up, s. With -inf (unknown), no warm-up drift is expected.
         """
         block = self.block
         if block and second.start - block[-1][0] > _SAME_S:
@@ -93,7 +96,7 @@ class WalkRate(StateStruct):
 
     @property
     def pace(self) -> float:
-        """Factor of the variance of the bias's random walk in this boot."""
+        """Factor, no unit, on the variance of the bias's random walk in this boot."""
         logs = _PRIOR + self.told
         likely = np.exp(logs - logs.max())
         return float(np.exp(likely @ np.log(_FACTORS) / likely.sum()))

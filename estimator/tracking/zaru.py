@@ -1,9 +1,12 @@
-"""Zero angular rate update (ZARU): while the device rests, its reading is its bias.
+"""Zero angular rate update (ZARU): while the device rests, its gyro reading measures its bias.
 
-With an accelerometer the rest is split by gravity. A turn about a horizontal axis would tilt gravity: the horizontal
-part of a rest is checked and always usable. A turn about the vertical is invisible, and a bed or chair turns slowly and
-evenly: the vertical part must lie inside its gate. If it stays outside but constant for long, it is accepted. In
-another pose the same axis becomes horizontal.
+With an accelerometer, gravity splits a rest into two parts.
+
+- Horizontal part: a turn about a horizontal axis would tilt gravity, so this part is checked and always usable.
+- Vertical part: a turn about the vertical is invisible, and a bed or chair can turn slowly and evenly. This part must
+    pass its gate. If it stays outside the gate but constant for two minutes, it is accepted.
+
+In another pose the same axis becomes horizontal.
 """
 
 from collections.abc import Iterable
@@ -34,19 +37,22 @@ INSISTED, JUMPED = "insisted", "jumped"
 
 
 class Zaru(StateStruct):
-    """ZARU evidence: takes seconds of rest, updates one BiasFilter, gives receipts.
+    """ZARU evidence: takes seconds of rest, updates one BiasFilter, and gives receipts.
 
+    means (k, 2, 3): mean (rad/s) and its variance ((rad/s)²) of the latest quiet seconds.
+    quiet, rests: quiet seconds, and seconds of rest, in a row.
+    quiet_until: end of the last quiet second, device time in s.
+    gap_s: seconds for which the device moved before this rest.
+    proven: True if the latest second belongs to a proven rest, one long enough to exclude a breath.
+    rested: True if a rest was proven since a restart.
+    ever_proven: True if any rest was proven, or the bias was known at the start.
+    blind: True if samples were missing and no rest has been seen since.
+    surprised: kinds of evidence already checked after the latest gap.
+    in_question: variance, (rad/s)², of a bias accepted only because it persisted.
+    waiting: measurements that will be judged together with the following ones.
+    contradiction: start (s), z (rad/s) and R ((rad/s)²) of a persistent contradiction, or None.
+    receipts_before, receipts_late: receipts not yet fetched, see `surprises` and `judged`.
     Raises ValueError for a damaged state.
-
-    ever_proven: whether any second belonged to a proven rest, or the bias was known at the start.
-    means (k, 2, 3): mean and its variance of the latest quiet seconds. quiet: quiet seconds in a row; quiet_until: end
-    of the last, s. rests: seconds of rest in a row. gap_s: how long the device moved before this rest. proven: whether
-    the latest second belongs to a proven rest. rested: whether a rest was proven since a restart. blind: whether
-    samples were missing, and no rest was seen since. surprised: kinds of evidence already checked against the gap.
-    in_question: variance, (rad/s)², of a bias accepted only because it persisted. waiting: measurements to be judged
-    with the following ones.
-    contradiction: its begin, s, and z and R measured then. receipts_before, receipts_late: receipts not yet fetched,
-    see `surprises` and `judged`.
     """
 
     tilt: TiltCheck = msgspec.field(default_factory=TiltCheck)
@@ -83,21 +89,24 @@ class Zaru(StateStruct):
             shaped(R, len(z), len(z))
 
     def moved(self, bias: BiasFilter) -> None:
-        """End the rest because the device moves: measurements that wait are judged now, open questions are dropped."""
+        """End the rest because the device moves: judge the waiting measurements now, and drop persistent contradictions."""
         self.in_question, self.contradiction, self.blind = 0.0, None, False
         self._over(bias)
 
     def unseen(self, bias: BiasFilter, seconds: float) -> None:
-        """End the rest after `seconds` without usable samples: measurements that wait are judged now.
+        """End the rest after `seconds` without usable samples: judge the waiting measurements now.
 
-        The device may still rest, so questions and contradictions stay open.
+        The device may still rest, so a persistent contradiction stays open.
         """
         self._lengthen(seconds)
         self.blind = True
         self._over(bias)
 
     def interrupted(self, bias: BiasFilter, seconds: float) -> None:
-        """Note `seconds` in which the device was quiet but not at rest; measurements that wait are judged now."""
+        """Note `seconds` in which the device was quiet but not at rest; judge the waiting measurements now.
+
+        A persistent contradiction is dropped, unless samples were missing and no rest has been seen since.
+        """
         if self.blind:  # stillness is recognised only some time after a hole
             self._lengthen(seconds)
         else:
@@ -124,17 +133,17 @@ class Zaru(StateStruct):
             self.receipts_late.append(self._late(bias))
 
     def judged(self) -> list[Receipt]:
-        """Fetch the receipts of measurements that waited when their rest ended, once each."""
+        """Fetch, once each, the receipts of measurements that still waited when their rest ended."""
         receipts, self.receipts_late = self.receipts_late, []
         return receipts
 
     def surprises(self) -> list[Receipt]:
-        """Fetch, once each, the receipts of surprising measurements from before the bias was widened for them."""
+        """Fetch, once each, the receipts of surprising measurements from before the bias covariance was enlarged for them."""
         receipts, self.receipts_before = self.receipts_before, []
         return receipts
 
     def at_rest(self, second: Second) -> bool:
-        """Note a quiet second; returns whether it belongs to a rest, rather than to breathing or swaying."""
+        """Note a quiet second; return True if it belongs to a rest, rather than to breathing or swaying."""
         self.quiet += 1
         latest = np.array([[second.mean, second.mean_var]])
         self.means = np.concatenate([self.means[1 - _RECENT :], latest])
@@ -152,10 +161,11 @@ class Zaru(StateStruct):
     def take(
         self, second: Second, bias: BiasFilter, up: Floats | None, gravity: Evidence | None = None
     ) -> tuple[list[Receipt], Receipt | None]:
-        """Update the filter with a second of rest and, within the rest, with gravity's evidence.
+        """Update the filter with a second of rest and, within the rest, with the gravity evidence.
 
-        up (3,): direction of gravity's reading, None without an accelerometer. gravity: its evidence, to be taken in one step
-        with the horizontal parts of the rest. Returns receipts of the rest, and gravity's receipt if it was given.
+        up (3,): gravity in sensor axes, of any length; None without an accelerometer.
+        gravity: gravity evidence, applied in one step with the horizontal part of the rest, or None.
+        Returns the receipts of the rest, and the receipt of the gravity evidence or None.
         """
         # For a gyro alone a rest may be a slow passage of a movement, until it continues.
         proven = self.proven = self.quiet >= limits.PROVEN_AFTER and (up is not None or self.rests > 1)
@@ -183,7 +193,7 @@ class Zaru(StateStruct):
         return receipts if proven else [r._replace(reason=r.reason or UNPROVEN) for r in receipts], said
 
     def _begins(self, *, proven: bool) -> bool:
-        """Return whether to use gravity's evidence first: at a rest's begin gravity may tell more than within the rest."""
+        """Return whether to use gravity's evidence first: at a rest's start gravity may tell more than within the rest."""
         return self.rests == 1 or (proven and "zaru level" not in self.surprised)
 
     def _unproven_var(self, second: Second, *, checked: bool) -> Floats | float:

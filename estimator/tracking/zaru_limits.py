@@ -1,4 +1,4 @@
-"""When a rest is evidence of the bias (zaru.py): assumed motion of a resting body, and limits."""
+"""Limits for rests as evidence of the bias (zaru.py): assumed motion of a resting body (rad/s), times (s) and gates."""
 
 from math import radians
 

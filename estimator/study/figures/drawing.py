@@ -1,4 +1,4 @@
-"""Draws the figures of a study by its name, and saves them."""
+"""Drawing of a study's figures, by the name of the study."""
 
 from collections.abc import Callable
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Figure of study `real`: what each method finds in a real session, beside imucal's numbers."""
+"""Figure of study `real`: scale factors and closure errors by each method in a real session, beside imucal's numbers."""
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -10,7 +10,7 @@ from estimator.study.real import WORDS, Real
 
 
 def real(found: Real) -> Figure:
-    """Draw scale factors and closure errors of a real session by every method."""
+    """Draw scale factors (no unit) and closure errors (degrees) of a real session by every method."""
     rows = [row for row in found.rows if row.k is not None]
     figure = Figure(figsize=(12, 4.8))
     figure.suptitle(f"A real session ({found.recording}) through every method that applies", fontsize=13)

@@ -1,4 +1,4 @@
-"""Figure of the paper's tables 2 and 3: what each method finds for a sensor, beside the paper's values."""
+"""Figure of tables 2 and 3 of Wang et al. 2024: errors of each method for a sensor, beside the paper's values."""
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -10,9 +10,10 @@ from estimator.study.trials import METHODS, WORDS
 
 
 def sensor(found: Sensors, name: str) -> Figure:
-    """Draw the differences of k and b from the truth by method, for one sensor.
+    """Draw the differences of k (no unit) and b (°/s) from the truth by method, for one sensor.
 
-    One column per axis with k, k enlarged, and b: median and 95 % of each method's sessions, beside the paper's values.
+    One column per axis with k, k enlarged, and b. Each shows median and 95 % of each method's sessions, beside the
+    paper's values.
     """
     figure = Figure(figsize=(11, 9.2))
     n = max(one.sessions for one in found.sessions)

@@ -1,4 +1,4 @@
-"""Box plots of the paper's simulation: errors of the parameters, and of the rate on a test set."""
+"""Box plots of the simulation of Wang et al. 2024: errors of the parameters, and of the rate on a test set."""
 
 from collections.abc import Mapping, Sequence
 
@@ -17,9 +17,10 @@ _SYMBOLS = {name: f"${name[0]}_{name[-1]}$" for name in PARAMETERS}
 
 
 def errors(found: Errors) -> Figure:
-    """Draw box plots of the errors of k and b, one row per noise.
+    """Draw box plots of the errors of k (no unit) and b (°/s), one row per noise.
 
-    All parameters on the scale of the paper's band, and the scale factors enlarged.
+    The left panel shows all parameters on the scale of the paper's band. The right panel shows the scale factors
+    enlarged.
     """
     noises = [one.noise_dps for one in found.honesty]
     figure = Figure(figsize=(11, 3.6 * len(noises) + 0.9))
@@ -59,7 +60,7 @@ def errors(found: Errors) -> Figure:
 
 
 def testset(found: Testset) -> Figure:
-    """Draw box plots of the test set's mean errors before and after calibration, a row per noise."""
+    """Draw box plots of the test set's mean errors (°/s) before and after calibration, one row per noise."""
     noises = list(dict.fromkeys(row.noise_dps for row in found.rows))
     figure = Figure(figsize=(9.5, 3.4 * len(noises) + 0.9))
     runs = found.rows[0].error.n

@@ -1,4 +1,4 @@
-"""Figure of study `analysis`: error of the scale factor over the value of each cause."""
+"""Figure of study `analysis`: rms error of the scale factor over the value of each cause."""
 
 from typing import Literal
 
@@ -14,7 +14,7 @@ _MARKS = {"mean": "o", "point": "^"}
 
 
 def analysis(found: Analysis) -> Figure:
-    """Draw the rms error of k over the values of each cause, one panel per cause."""
+    """Draw the rms error of the scale factors k (no unit) over the values of each cause, one panel per cause."""
     columns = -(-len(found.factors) // 2)
     figure = Figure(figsize=(3.7 * columns, 7.6))
     base = found.base

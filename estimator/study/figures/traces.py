@@ -1,4 +1,4 @@
-"""Readings and rates over time: a simulated session, and machine turns before and after calibration."""
+"""Figures of readings and rates over time: a simulated session, and machine turns before and after calibration."""
 
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -16,7 +16,10 @@ _AFTER = {"turn360": (COLOURS[0], "by Algorithm 1"), "closure": (COLOURS[1], "by
 
 
 def typical(found: Typical) -> Figure:
-    """Draw the readings of one session over time, °/s; found turns are shaded, simulated ends dashed."""
+    """Draw the readings of one session over time, °/s.
+
+    Shading marks the turns found; dashed lines mark the simulated starts and ends of turns.
+    """
     figure = Figure(figsize=(10, 4.6))
     axes = figure.subplots()
     for axis, reading in zip(AXES, found.reading_dps, strict=True):
@@ -45,7 +48,7 @@ def typical(found: Typical) -> Figure:
 
 
 def magnitude(found: Magnitude) -> Figure:
-    """Draw the magnitude of the rate in six machine turns, before and after calibration.
+    """Draw the magnitude of the rate (°/s) in six machine turns, before and after calibration.
 
     One panel per sensor, with its turns one after the other.
     """
@@ -76,9 +79,9 @@ def magnitude(found: Magnitude) -> Figure:
 
 
 def orientation(found: Orientation) -> Figure:
-    """Draw the angle over machine turns of 360° and back, before and after calibration.
+    """Draw the angle (degrees) over machine turns of 360° and back, before and after calibration.
 
-    One column per sensor: angles from readings, from calibrated rates, and the errors of the latter, degrees.
+    One column per sensor: angles from readings, from calibrated rates, and the errors of the latter.
     """
     figure = Figure(figsize=(5.6 * len(found.labels), 9.4))
     figure.suptitle(
