@@ -1,4 +1,4 @@
-"""What needs a person: one definition for the pages, the API, the reports, the command line, the metrics and the alerts. Pure."""
+"""Rules for which problems need a person: one definition for pages, API, reports, metrics and alerts. Pure."""
 
 from enum import StrEnum
 
@@ -34,9 +34,9 @@ def ended(reason: Sentences) -> bool:
 
 
 def attentions(state: State, reason: Sentences, info: DeviceInfo | None) -> frozenset[Kind]:
-    """Kinds of problems of a device that need a person now: its state, battery, or bad samples; may be empty.
+    """Return the kinds of problems of a device that need a person now: by state, battery and bad samples; may be empty.
 
-    state, reason: of the device's status. info: the device's DeviceInfo, None if unknown.
+    state, reason: those of the device's status. info: the device's DeviceInfo, None if unknown.
     """
     if state is State.LOST and ended(reason):
         return frozenset()
@@ -52,7 +52,10 @@ def needs_person(status: Status, info: DeviceInfo | None) -> bool:
 
 
 def complaints(info: DeviceInfo | None) -> Sentences:
-    """Messages about what a person has to mend though the device works: bad samples, or a low battery not charging."""
+    """Return messages about faults of a working device that a person has to remedy; empty if there are none.
+
+    These are bad samples, and a battery below LOW_BATTERY_PERCENT that is not charging. info: None if unknown.
+    """
     if info is None:
         return ()
     bad = tuple(one for one in info.notices if one.code == Code.SAMPLES_BAD)

@@ -30,9 +30,10 @@ _MARK = "quality_names"
 
 
 def check(out: Path, recorded: Path) -> None:
-    """Refuse an output path that cannot be written to, before anything is computed. Raises RecordingError if so.
+    """Refuse an output path that cannot be written to, before the correction starts.
 
-    An existing file may be overwritten only if truerate wrote it as a corrected recording.
+    out: the output path. recorded: path of the recording. An existing file may be overwritten only if truerate wrote it
+    as a corrected recording. Raises RecordingError if the path is refused.
     """
     if out.suffix not in ENDINGS:
         raise RecordingError(f"{out}: a corrected recording ends in {', '.join(ENDINGS)}, not in {out.suffix!r}")
@@ -74,10 +75,10 @@ def _is_corrected(path: Path) -> bool:
 
 
 def save(out: Path, corrected: CorrectedRecording, recording: Recording, tell: Tell | None = None) -> None:
-    """Write a corrected recording to `out`, in the format of its ending, whole or not at all; an old file is replaced.
+    """Write a corrected recording to `out` atomically, in the format of its ending; an old file is replaced.
 
-    tell(done, n): progress in rows. Call `check` first: it refuses unusable paths. Raises RecordingError if writing
-    fails.
+    tell(done, n): called with the progress in rows. Call `check` first, which refuses unusable paths.
+    Raises RecordingError if writing fails.
     """
     c, qualities = corrected, np.array([quality.name for quality in sorted(Quality)])
     passed_on = {"accel_m_s2": recording.accel, "temperature_c": recording.temperature_c}

@@ -50,9 +50,10 @@ class Takeover:
             self._starts.adopt(known)
 
     def take(self, others: Mapping[str, Sequence[Message]], now: float) -> list[Message]:
-        """Take over the devices that are ours now; returns the sample messages of their backlog still to be processed.
+        """Take over the devices that this estimator should own now.
 
-        others: messages of this round, by device, of devices that we do not hold. now: monotonic s.
+        Returns their sample messages still to be processed.
+        others: messages of this round by device, of devices that this estimator does not hold. now: monotonic s.
         """
         ours = list[Message]()
         if not (taken := self._parts.cluster.take(others, now)):
