@@ -33,7 +33,7 @@ ELSEWHERE = "also from "
 
 
 class Ruling(Enum):
-    """Ruling on a batch of samples: accept it, begin a boot with it, or only count it."""
+    """Ruling on a batch of samples: accept (TAKE, JUMP), begin a boot (BOOT, RETURN, REPEAT), or only count it."""
 
     TAKE = auto()
     #: the device has restarted: begin its boot
@@ -134,7 +134,10 @@ class Admission:
         return f"{ELSEWHERE}{bridge if bridge in self._others else 'others'}"
 
     def refused(self, now: float) -> tuple[str, ...]:
-        """Names of bridges other than the owner that send this device at steady-clock time `now`, s."""
+        """Return the ids of the bridges other than the owner that send this device.
+
+        now: present time, s of a steady clock.
+        """
         return tuple(
             bridge for bridge, at in self._others.items() if bridge != self.owner and now - at <= self._owned_s
         )

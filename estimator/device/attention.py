@@ -11,7 +11,10 @@ _ENDED = (Code.RECORDING_OVER, Code.CAPTURE_OVER, Code.DEVICE_REMOVED, Code.FORG
 
 
 class Kind(StrEnum):
-    """Kind of problem that needs a person: of a device, and from DISK on of an estimator and its machine."""
+    """Kind of problem that needs a person.
+
+    LOST to BATTERY_LOW are problems of a device, DISK to BACKUP of an estimator and its machine.
+    """
 
     LOST = "lost"
     UNCALIBRATED = "uncalibrated"
@@ -29,7 +32,7 @@ _OF_STATE = {State.WARMING: (), State.TRACKING: (), State.LOST: (Kind.LOST,), St
 
 
 def ended(reason: Sentences) -> bool:
-    """Return whether a reason says that the device is meant to send no more: its recording is over, or it was removed."""
+    """Return whether a reason says that the device will not send again: its recording ended, or it was removed."""
     return any(one.code in _ENDED for one in reason)
 
 

@@ -68,7 +68,7 @@ class BootEstimationState(StateStruct):
 class BootEstimation(BootCalibration):
     """Estimation within one boot: calibration, bias tracking and the correction to apply.
 
-    See BootCalibration for the arguments.
+    began: device time of the boot's start, s. See BootCalibration for the other arguments.
     """
 
     def __init__(
@@ -145,9 +145,10 @@ class BootEstimation(BootCalibration):
         return buffer
 
     def resumed(self, time: float, celsius: float | None) -> None:
-        """Note the end of a silence: device time, s, and temperature, °C or None, of the next sample.
+        """Note the end of a silence, by the time and temperature of the next sample.
 
-        Until the tracker reaches that time, `correction` uses the bias predicted for that time.
+        time: device time, s. celsius: temperature, °C, or None. Until the tracker reaches that time, `correction` uses
+        the bias predicted for that time.
         """
         self._silent_until, self._silent_c = time, celsius
 

@@ -84,12 +84,12 @@ class CorrectedStream:
 
     @property
     def prior(self) -> Calibration | None:
-        """Calibration of an earlier boot under the same restore key, or None."""
+        """Calibration of an earlier boot under the same restore key (model, firmware, range, rate), or None."""
         return self.learnt.prior
 
     @property
     def tracker(self) -> Tracker:
-        """Bias tracker of the current boot."""
+        """Bias tracker of the current boot: a Kalman filter with its evidence."""
         return self.learnt.tracker
 
     def begins_earlier(self, samples: Samples) -> bool:

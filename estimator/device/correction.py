@@ -66,7 +66,10 @@ class Correction:
 
     @cached_property
     def known(self) -> Floats:
-        """Sensor parameters (38,) for the orientation estimate, packed as described at `orientation.attitude.known`."""
+        """Sensor parameters (38,) for the orientation estimate, in SI units.
+
+        `orientation.attitude.known` describes their order.
+        """
         model, accel = self.model, _AS_READ
         if self.taught is None:
             std = np.repeat([*model.cross_std, _ACCEL_STD], 3)

@@ -43,7 +43,7 @@ class RestingPoses:
 
     @property
     def state(self) -> PosesState:
-        """State to save for `restore`."""
+        """Poses and the rest in progress, as state to save for `restore`."""
         return PosesState(self._poses, np.array(self._rest))
 
     def restore(self, state: PosesState) -> None:

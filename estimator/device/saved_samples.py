@@ -22,7 +22,7 @@ class SavedSamples(StateStruct):
 
     @classmethod
     def of(cls, buffer: SampleBuffer, end: int) -> "SavedSamples":
-        """Collect the samples of a buffer that are numbered below `end`."""
+        """Copy the samples of a buffer that are numbered below `end` into columns."""
         rows, places = buffer.rows(buffer.begin, end), buffer.places(buffer.begin, end)
         time = np.ascontiguousarray(rows[:, TIME]).view(np.int64)
         columns = (np.diff(column, prepend=0).tolist() for column in (places[:, SEQUENCE], places[:, HOST_NS]))

@@ -28,7 +28,10 @@ class SequenceNumbers:
         self.first = 0
 
     def is_new_boot(self, boot: int) -> bool:
-        """Return whether samples with this boot id mean that the device has restarted."""
+        """Return whether a boot id is unknown, which means that the device has restarted.
+
+        Known are the present boot id and the earlier ids of the device.
+        """
         if boot == self.boot or boot in self._past:
             return False
         before = None if self._before is None else self._before()
@@ -65,7 +68,7 @@ class SequenceNumbers:
         return came_to is None or batch.sequence + batch.n > came_to
 
     def jump(self, batch: Samples) -> None:
-        """Continue at the batch's sequence number after a leap; the skipped numbers do not count as missing samples."""
+        """Continue at the batch's sequence number after a leap; skipped numbers do not count as missing samples."""
         if self.next is not None and batch.sequence > self.next:
             self.first += batch.sequence - self.next
             self.next = batch.sequence

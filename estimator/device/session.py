@@ -159,7 +159,10 @@ class DeviceSession(CorrectedStream):
             self._apply()
 
     def moves(self, moves: float) -> None:
-        """Set the relative standard deviation of the scale factors from boot to boot, computed from earlier boots."""
+        """Set how much the scale factors change from boot to boot, computed from earlier boots.
+
+        moves: relative standard deviation, without unit.
+        """
         if self.learnt.moves(moves):
             self._apply()
 

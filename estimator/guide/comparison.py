@@ -1,4 +1,4 @@
-"""Comparison of a calibration with the one before it, to detect a mistaken device. Pure."""
+"""Comparison of a calibration with the previous one, to detect a confusion of devices. Pure."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -17,8 +17,8 @@ APART = 3.0
 class AxisCompared:
     """Scale factor and bias of one axis, and the scale factor of the earlier calibration.
 
-    axis: 0, 1, 2. scale, before: scale factors now and before, without unit. bias: rad/s. The fields ending in `_std`
-    are standard deviations in the same unit. Unknown values are NaN.
+    axis: 0, 1, 2. scale, before: scale factors now and before, without unit. bias: rad/s. scale_std, before_std,
+    bias_std: their standard deviations, in the same units. Unknown values are NaN.
     """
 
     axis: int
@@ -71,7 +71,7 @@ def compared(calibration: Calibration, before: Calibration | None) -> tuple[Axis
 
 
 def differing(axes: Iterable[AxisCompared]) -> tuple[int, ...]:
-    """Return the axes (0, 1, 2) whose scale factor has changed by more than APART standard deviations."""
+    """Return the axes (0, 1, 2) whose scale factor has changed by more than APART = 3 standard deviations."""
     return tuple(one.axis for one in axes if one.apart > APART)
 
 

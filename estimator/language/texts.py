@@ -18,7 +18,7 @@ _FOLDER = Path(__file__).parent.parent / "web" / "texts"
 
 
 class Texts:
-    """All texts for people in one language; calling it with a key returns a text.
+    """Texts for people in one language; calling the object with a key returns a text.
 
     Methods return the texts of counters and sentences.
     """

@@ -1,12 +1,17 @@
-"""Writes a corrected recording to an .npz, .csv, .h5 or .parquet file, atomically.
+"""Files of a corrected recording: writes .npz, .csv, .h5 or .parquet, atomically.
 
-npz: `t_s` (n,), `rate_rad_s`, `rate_std_rad_s`, `bias_rad_s`, `bias_std_rad_s` (n, 3), `quality` (n,) as a number,
-`quality_names`, `quat_wxyz` (n, 4) sensor to earth, scalar first, `tilt_std`, `heading_std` (n,) in rad, `matrix` (3, 3) and
-`rate_hz`. If recorded, also `accel_m_s2` (n, 3) and `temperature_c` (n,).
+npz contains these arrays for n samples:
+- `t_s` (n,): seconds since the first sample.
+- `rate_rad_s`, `rate_std_rad_s` (n, 3): corrected rate and its standard deviation.
+- `bias_rad_s`, `bias_std_rad_s` (n, 3): bias and its standard deviation.
+- `quality` (n,): number of the quality; `quality_names`: names by number.
+- `quat_wxyz` (n, 4): attitude, sensor to earth, scalar first; `tilt_std`, `heading_std` (n,): rad.
+- `matrix` (3, 3): calibration matrix; `rate_hz`: output data rate.
+- If recorded: `accel_m_s2` (n, 3) and `temperature_c` (n,).
 
-CSV: a header row, then a row per sample, with the same quantities in the same units. A vector has a column per axis:
-rate_x_rad_s, rate_std_x_rad_s, bias_x_rad_s, bias_std_x_rad_s …; quality is given by name; then quat_w … quat_z, tilt_std,
-heading_std.
+CSV has a header row, then a row per sample, with the same quantities in the same units. A vector has a column per axis:
+rate_x_rad_s, rate_std_x_rad_s, bias_x_rad_s, bias_std_x_rad_s …. Quality is given by name. Then follow quat_w … quat_z,
+tilt_std, heading_std.
 
 HDF5 (.h5) has the arrays of npz as datasets, Parquet the columns of CSV.
 """

@@ -11,7 +11,7 @@ from bridge.wire.messages import Holding, Move, Owned
 
 @dataclass(frozen=True, slots=True)
 class Share:
-    """One estimator of a ward: whether it is alive, the devices that it owns, and its recent moves of devices.
+    """Estimator of a ward: whether it is alive, the devices that it owns, and its recent moves of devices.
 
     load: processor seconds per second.
     """
@@ -25,7 +25,7 @@ class Share:
 
 @dataclass(frozen=True, slots=True)
 class ClusterView:
-    """All estimators of a ward, sorted by id, each with its devices.
+    """View of all estimators of a ward, sorted by id, each with its devices.
 
     `troubles`: faults of the ward's estimators, most urgent first.
     """

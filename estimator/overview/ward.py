@@ -58,7 +58,10 @@ class DeviceRow:
 
     @property
     def order(self) -> tuple[int, bool, str]:
-        """Sort key of the rows: most urgent first, then rows with notices, then by device id."""
+        """Sort key of the rows: most urgent first, then rows with notices, then by device id.
+
+        The second element is True for a row without notices.
+        """
         urgency = URGENCY.index(self.state)
         if self.needs_person and self.state == TRACKING:
             urgency = min(urgency, _ASKS)
@@ -239,7 +242,10 @@ def listed(devices: Iterable[str]) -> str:
 
 
 def age(seconds: float) -> str:
-    """Format a duration in s by the largest unit (s, min, h, d) of which it has at least two: `3 min`."""
+    """Format a duration by the largest unit (s, min, h, d) of which it has at least two: `3 min`.
+
+    seconds: the duration, s.
+    """
     for unit, length in (("d", 86400.0), ("h", 3600.0), ("min", 60.0)):
         if seconds >= 2 * length:
             return f"{seconds / length:.0f} {unit}"

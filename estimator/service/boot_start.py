@@ -75,7 +75,7 @@ class Boots:
     def knobs(self, device: str, bridge: str) -> SessionKnobs:
         """Return the session settings of a device for samples from this bridge.
 
-        The sensor model is the one in the ward file, or else the one that the device states.
+        The sensor model is that of the ward file; if the file names none, the model that the device states.
         """
         info = self._devices.info(bridge, device)
         return self.treatment.of(device, info.model if info else "")

@@ -230,8 +230,9 @@ class Cluster:
     # ---- what is said of ours -----------------------------------------------------------------------------------------
 
     def say(self, devices: dict[str, Device], now: float) -> None:
-        """Publish which devices this estimator owns, every SAY_S, or every SAY_ALONE_S without other estimators.
+        """Publish which devices this estimator owns, every SAY_S seconds.
 
+        Without other estimators, every SAY_ALONE_S seconds.
         devices: our devices by id. now: monotonic seconds. During a hold-off (no takeovers after a start or an outage)
         nothing is published, so that no other estimator waits for this one.
         """
@@ -264,7 +265,8 @@ class Cluster:
     def tell(self, device: Device) -> None:
         """Publish a device's checkpoint for the other estimators.
 
-        Without other estimators the checkpoint is only kept locally, and only if another one had the device before.
+        Without other estimators the checkpoint is only kept in memory, and only if another estimator had the device
+        before.
         """
         alone = not self.company
         if alone and self.replicas.of(device.name) is None:

@@ -252,7 +252,10 @@ class Device:
         return output.status(said)
 
     def delay(self) -> float:
-        """Seconds from receipt to publication of the first sample published since the last call; NaN without one."""
+        """Return the seconds from receipt to publication of the first sample published since the last call.
+
+        NaN without one.
+        """
         delay_s, self._delay_s = self._delay_s, None
         return math.nan if delay_s is None else delay_s
 

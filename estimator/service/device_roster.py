@@ -58,7 +58,7 @@ class DeviceRoster(dict[str, Device]):
         return False
 
     def info(self, bridge: str, device: str) -> DeviceInfo | None:
-        """Latest info (identity and settings) that a bridge sent of a device, or None."""
+        """Return the latest info (identity and settings) that a bridge sent of a device, or None."""
         return self._infos.get((bridge, device))
 
     def note(self, info: DeviceInfo) -> None:

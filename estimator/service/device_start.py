@@ -45,7 +45,7 @@ class DeviceStarts:
         self._last_run = parts.record.last_run()
 
     def use(self, settings: Estimator, alerts: Alerts) -> None:
-        """Use changed settings: alerts at once, a session's from its next boot or calibration on."""
+        """Apply changed settings: of alerts at once, of a session from its next boot or calibration on."""
         self._alerts, self._boots.treatment = alerts, treatment(settings)
         for device in self._parts.devices.values():
             device.use(self._boots.knobs(device.name, device.admission.owner), alerts)

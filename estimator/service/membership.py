@@ -70,7 +70,7 @@ class _Peer:
 
 
 class Membership:
-    """One estimator's view of all live estimators of its ward, and the devices it holds.
+    """View of all live estimators of a ward, as seen from one estimator, and the devices that this estimator holds.
 
     own: its id. peers: ids of other estimators seen at the start; without peers there is no hold-off (time in which no
     device is taken). now: monotonic time, s.

@@ -37,7 +37,10 @@ def status(said: Status) -> Status:
 
 
 def linear_accel(found: NDArray[np.float64]) -> bytes:
-    """Pack linear acceleration (n, 3), m/s², as float32 bytes within the wire's range; empty where it is unknown."""
+    """Pack linear acceleration as float32 bytes within the wire's range; empty where it is unknown.
+
+    found (n, 3): acceleration without gravity, m/s².
+    """
     if isnan(found.item(0)):
         return b""
     packed = found.astype(np.float32)

@@ -1,4 +1,4 @@
-"""Parts of a running estimator that its modules share."""
+"""Shared parts of a running estimator, which its modules pass to each other."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

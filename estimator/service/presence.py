@@ -78,7 +78,10 @@ class Presence:
         return there is not None and there.alive
 
     def why(self, device: str, boot: int, bridge: str) -> Sentences:
-        """Return the reasons, known from tokens, why nothing arrives from a device; empty if there are none."""
+        """Return the reasons, known from tokens, why nothing arrives from a device in this boot.
+
+        Empty if there are none.
+        """
         there, token = self._tokens.get((bridge,)), self._of(device, boot)
         if there is not None and not there.alive:
             return (Code.BRIDGE_GONE(bridge=bridge),)

@@ -48,7 +48,7 @@ class ReplayLog:
         self.tidy(now)
 
     def tidy(self, now: float) -> None:
-        """Drop messages older than REPLAY_S at `now`, monotonic s, or beyond REPLAY_BYTES in all, oldest first."""
+        """Drop messages older than REPLAY_S seconds at `now`, monotonic s, or beyond REPLAY_BYTES in total."""
         order = self._order
         while order and (order[0][0] < now - REPLAY_S or self._size > REPLAY_BYTES):
             _, device = order.popleft()
@@ -88,7 +88,7 @@ class Resumed:
         self._reached, self._until = dict(reached), now + LASTS_S
 
     def lasts(self, now: float) -> bool:
-        """Return whether replayed samples may still arrive at `now`, monotonic s: for LASTS_S after the start."""
+        """Return whether replayed samples may still arrive at `now`, monotonic s: within LASTS_S of the start."""
         if self._reached and now >= self._until:
             self._reached = {}
         return bool(self._reached)

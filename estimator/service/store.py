@@ -112,7 +112,7 @@ class Store(StoreReader):
                 self.database.insert("bias_history", row | {"temperature_c": celsius})
 
     def save_epoch(self, epoch: int) -> None:
-        """Store the highest known epoch (number of an ownership), in place of the one before."""
+        """Store the highest known epoch (number of an ownership), in place of the stored one."""
         row: Row = {"number": 1, "epoch": epoch}
         self.database.insert("epochs", row, "ON CONFLICT DO UPDATE SET epoch = excluded.epoch")
 
@@ -137,7 +137,7 @@ class Store(StoreReader):
         self.database.insert("audit", row | {"reason": reason, "accepted": int(accepted), "message": written(message)})
 
     def add_placement(self, device: str, one: Placement) -> None:
-        """Append a device's placement (where and by whom it is worn), which ends the one before.
+        """Append a device's placement (where and by whom it is worn), which ends the previous placement.
 
         An empty placement means that nobody wears the device any more.
         """

@@ -81,7 +81,7 @@ def calibrations_in(rows: Iterable[Row]) -> list[Calibration]:
 
 
 def written(sentences: Sentences) -> str:
-    """Encode sentences as JSON for a text column. Inverse of `read_sentences`."""
+    """Encode sentences (codes and parameters) as JSON for a text column. Inverse of `read_sentences`."""
     return msgspec.json.encode(sentences).decode()
 
 

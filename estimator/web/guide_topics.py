@@ -1,4 +1,4 @@
-"""Topic of a guided calibration: one guide per device, however many people watch."""
+"""Topic of a guided calibration: one guide per device, shared by all its viewers."""
 
 from collections.abc import Iterable
 

@@ -24,7 +24,7 @@ _REST_S = Hand().rest_s
 
 @dataclass(frozen=True, slots=True)
 class Turn:
-    """One of the three turns, or of six sides to rest on: axis, picture, how to do it, and whether it is done.
+    """Turn about an axis, or side to rest on: axis, picture, instruction, and whether it is done.
 
     `mark` is done, now or next; `state` is its name in the reader's language.
     """
@@ -146,9 +146,9 @@ def rows(calibration: Calibration, before: Calibration | None) -> list[Axis]:
 
 
 def against(calibration: Calibration, before: Calibration | None, t: Texts) -> str:
-    """Return a sentence that compares a calibration with the one before: it names the axes whose scale factors differ.
+    """Return a sentence that compares two calibrations of a device, naming the axes whose scale factors differ.
 
-    before: None if the calibration is the first, which the sentence then states.
+    before: the previous calibration; None if there is none, which the sentence then states.
     """
     if before is None:
         return t("guide.first")

@@ -14,7 +14,7 @@ SPACE = "\N{NO-BREAK SPACE}"
 
 
 def signed(value: float, digits: int) -> str:
-    """Format a number with its sign and `digits` decimals; plus and minus have the same width."""
+    """Format `value` with its sign and `digits` decimals; plus and minus have the same width."""
     return f"{value:+.{digits}f}".replace("-", MINUS)
 
 
@@ -29,9 +29,9 @@ def bias(bias: Sequence[float], std: Sequence[float]) -> str:
 
 
 def interval(value: float, std: float, digits: int) -> str:
-    """Format a value with its 95 % interval, `1.0123 ± 0.0008`.
+    """Format a value with its 95 % interval, `1.0123 ± 0.0008`, in the unit of `value`.
 
-    The value alone if its standard deviation is not finite.
+    std: standard deviation; if it is not finite, only the value is shown. digits: number of decimals.
     """
     shown = f"{value:.{digits}f}".replace("-", MINUS)
     return f"{shown} ±{SPACE}{SIGMAS * std:.{digits}f}" if isfinite(std) else shown
@@ -46,7 +46,10 @@ def rate(measured_hz: float, told_hz: float, t: Texts) -> str:
 
 
 def gaps(count: int, missing: int, t: Texts) -> str:
-    """Format the number of missing samples and of the gaps they are in: `none`, `3, in one gap`, or `12, in 2 gaps`."""
+    """Format numbers of missing samples and of gaps: `none`, `3, in one gap`, or `12, in 2 gaps`.
+
+    count: number of gaps. missing: number of samples missing in them.
+    """
     if count == 1:
         return t("words.gap", missing=missing)
     return t("words.gaps", count=count, missing=missing) if count else t("words.no_gaps")

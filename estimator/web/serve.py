@@ -55,6 +55,8 @@ _ANY = ("0.0.0.0", "::")  # noqa: S104 - compared with, not bound
 class Server:
     """Web server of one ward's dashboard.
 
+    store: file of the estimator's store, or None. people: file that lists the people, or None. connections: largest
+    number of open connections.
     The server runs before a router is found; `connect` attaches the router's sessions later.
     """
 

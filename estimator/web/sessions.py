@@ -40,7 +40,11 @@ class Session:
         return draft
 
     def take_said(self) -> tuple[bool, str, Callable[[Texts], str]] | None:
-        """Return the message to show once, or None, and clear it."""
+        """Return the message to show once, or None, and clear it.
+
+        The message is: whether it reports success (True), the device's id, and a function that gives the text in a
+        language.
+        """
         said, self.said = self.said, None
         return said
 

@@ -59,7 +59,7 @@ VERBS = ("recalibrate", "cancel", "note", "place")
 
 
 class Desk:
-    """Services of one dashboard, shared by all requests: ward state, sessions, passwords, commands and the store."""
+    """Shared services of a dashboard, used by all requests: ward state, sessions, passwords, commands and store."""
 
     def __init__(
         self,

@@ -36,6 +36,7 @@ class Tile:
 
     state: name for programs. word: name for people. advice: one plain sentence that says what to do.
     bias_std: standard deviation of the bias on the least known axis, rad/s. calibrated_ns: ns since the Unix epoch.
+    number: index of the device in frames that cover all devices.
     """
 
     id: str

@@ -1,4 +1,4 @@
-"""Present state of a ward and its devices, collected from all received messages: the one source of every page.
+"""Present state of a ward and its devices, collected from all received messages. Every page is built from it.
 
 Pure: `now` is monotonic time, s.
 """
@@ -283,7 +283,7 @@ class Known:
         story.biases = next((one for one in past.biases if one.boot == keys.boot_id(story.boot)), None)
 
     def rows(self, now: float) -> list[DeviceRow]:
-        """Return the summary rows of all devices, those that need a person first. now: monotonic time, s."""
+        """Return the summary rows of all devices; devices that need a person come first. now: monotonic time, s."""
         rows = self._view.rows(now)
         return rows if self.connected else sorted(map(self._unheard, rows), key=lambda row: row.order)
 
@@ -329,7 +329,7 @@ class Known:
         return (*seen.troubles, *seen.law.values(), *more)
 
     def glance(self) -> WardSummary:
-        """Return the summary of the ward, cached until something changes."""
+        """Return the summary of the ward: devices, needs, samples and faults; cached until a message changes it."""
         alive = {kind: [name for name, there in found.copy().items() if there] for kind, found in self.alive.items()}
         if self._glanced is not None and self._glanced[:2] == (self._news, alive):
             return self._glanced[2]  # twenty guides ask for it ten times a second

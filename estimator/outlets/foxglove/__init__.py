@@ -37,7 +37,7 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
 
 
 def roles(given: argparse.Namespace) -> tuple[Role, ...]:
-    """Return the certificate roles of which one is needed; empty if any role with read access suffices.
+    """Return the roles of which the client certificate needs one; empty if any role with read access suffices.
 
     Raises ConfigError for an invalid port, and for --allow-recalibrate on an address that other machines can reach.
     """

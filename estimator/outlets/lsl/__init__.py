@@ -33,7 +33,7 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
 
 
 def roles(given: argparse.Namespace) -> tuple[Role, ...]:
-    """Return the certificate roles of which one is needed to receive the requested streams.
+    """Return the roles of which the client certificate needs one to receive the requested streams.
 
     Empty if any role with read access suffices.
     """

@@ -126,7 +126,7 @@ class MarkerStream:
         self._outlet = pylsl.StreamOutlet(made)
 
     def push(self, words: str, stamp: float) -> None:
-        """Send one marker with its LSL time, s."""
+        """Send one marker. words: its text. stamp: its LSL time, s."""
         self._outlet.push_sample([words], stamp)
 
 

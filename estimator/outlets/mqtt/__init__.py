@@ -38,7 +38,10 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
 
 
 def roles(_: argparse.Namespace) -> tuple[Role, ...]:
-    """Return the certificate roles of which one is needed: those that may receive windows (mean rates over 0.1 s)."""
+    """Return the roles of which the client certificate needs one.
+
+    These roles may receive windows (mean rates over 0.1 s).
+    """
     return Role.VIEWER, Role.COMMANDER
 
 

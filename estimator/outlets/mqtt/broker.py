@@ -22,7 +22,7 @@ _log = logging.getLogger(__name__)
 
 
 class Address(NamedTuple):
-    """Address of an MQTT broker, parsed from its URL.
+    """Address of an MQTT broker, parsed from its URL: host, port number, user and TLS settings.
 
     ca: file of the certificate authority; empty for the system's authorities. cert, key: files of the client
     certificate; empty for none. All are PEM files.

@@ -35,9 +35,10 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
 
 
 def roles(given: argparse.Namespace) -> tuple[Role, ...]:
-    """Return the certificate roles of which one is needed: `ros2` at the ward's router, else any with read access.
+    """Return the roles of which the client certificate needs one.
 
-    Raises ConfigError for an invalid domain or endpoint.
+    This is `ros2` at the ward's router; at another router any role with read access. Raises ConfigError for an invalid
+    domain or endpoint.
     """
     _domain(given)
     if given.ros_router:

@@ -70,7 +70,7 @@ class Accelerometer(Struct, frozen=True):
 
 
 class Device(Struct, frozen=True):
-    """One device: state, bias, calibration, sample counts, battery and hardware; null means unknown.
+    """State of one device: bias, calibration, sample counts, battery and hardware; null means unknown.
 
     `bias_rad_s`, `bias_std_rad_s` (3): bias in the sensor frame and its standard deviation, rad/s. `scale` (3): scale
     factors.
@@ -78,6 +78,8 @@ class Device(Struct, frozen=True):
     rest.
     `nis`: mean normalised innovation squared of the bias filter, about 1 if it is consistent. `progress`: of the
     calibration, 0 to 1.
+    `samples_in`, `samples_out`: numbers of samples received and corrected; `dropped`: numbers dropped, by reason;
+    `events`: counts by name.
     `gaps` and `missing_samples` count from when the estimator first saw the device. `calibrated`: ISO 8601 time.
     """
 
@@ -138,9 +140,9 @@ class Standings(Struct, frozen=True):
 
 
 class Devices(Struct, frozen=True):
-    """All devices of a ward, those that need a person first.
+    """List of all devices of a ward; devices that need a person come first.
 
-    `of`: number of devices. `tracking`: number of those in state tracking. `troubles`: faults of the ward itself.
+    `of`: number of devices. `tracking`: number of devices in state tracking. `troubles`: faults of the ward itself.
     """
 
     ward: str

@@ -57,7 +57,7 @@ async def document(request: Request) -> Response:
 
 
 async def devices(request: Request) -> Response:
-    """Serve all devices as JSON, those that need a person first."""
+    """Serve all devices of the ward as JSON; devices that need a person come first."""
     known_parameters(request)
     return answer(answers.devices(Desk.of(request).known, time.monotonic()))
 

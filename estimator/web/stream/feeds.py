@@ -35,7 +35,10 @@ BEGIN_S = 15.0
 
 
 class Feed:
-    """Subscription to corrected rates, of a device or the whole ward, with its last batches and its readers."""
+    """Subscription to corrected rates, of a device or the whole ward, with its last batches and its readers.
+
+    most: number of batches kept.
+    """
 
     def __init__(self, stream: Corrected, most: int) -> None:
         self.stream, self.kept = stream, Kept(most)
