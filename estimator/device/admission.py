@@ -97,10 +97,10 @@ class Admission:
         self._room = float(CROWD)
 
     def owns(self, bridge: str, heard_s: float) -> bool:
-        """Return whether a bridge owns the device, given a message of the bridge that arrived at `heard_s`, steady s.
+        """Return whether a bridge owns the device, judged when one of its messages arrives.
 
-        A bridge becomes the owner when the earlier owner has been silent for longer than the limit given at
-        construction.
+        heard_s: arrival time of the message, s of a steady clock. A bridge becomes the owner when the earlier owner has
+        been silent for longer than the limit given at construction.
         """
         if bridge != self.owner:
             if heard_s - self._heard_s <= self._owned_s:
@@ -110,21 +110,21 @@ class Admission:
         return True
 
     def hold(self, heard_s: float) -> None:
-        """Restart the owner's silence timer at `heard_s`, steady-clock s.
+        """Restart the owner's silence timer while no bridge can be received at all.
 
-        Called while no bridge can be received at all.
+        heard_s: present time, s of a steady clock; the owner's silence counts from then on.
         """
         self._heard_s = heard_s
 
     def go_on(self, heard_ns: int) -> None:
-        """Set when the boot to be continued was last heard: host time `heard_ns`, ns since the Unix epoch.
+        """Record when the boot to be continued was last heard: host time `heard_ns`, ns since the Unix epoch.
 
         Samples received earlier than that belong to an older boot.
         """
         self._booted_ns = heard_ns
 
     def label(self, bridge: str, heard_s: float) -> str:
-        """Return the name of the counter for samples from a bridge that is not the owner; note its time.
+        """Return the name of the counter for samples from a bridge that is not the owner, and record when it was heard.
 
         heard_s: arrival time, s of a steady clock. Each of the first NAMED_BRIDGES bridges has its own counter; all
         others share one.
@@ -155,9 +155,9 @@ class Admission:
         return self.sequence
 
     def judge(self, batch: Samples, heard_s: float) -> Ruling:
-        """Return the ruling on a batch from the owner that arrived at `heard_s`, steady-clock s.
+        """Return the ruling on a batch from the owner; a refused batch is counted.
 
-        Count a refused batch.
+        heard_s: arrival time of the batch, s of a steady clock.
         """
         sequence = self.sequence
         if self._goes_on(batch):

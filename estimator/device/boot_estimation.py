@@ -91,8 +91,8 @@ class BootEstimation(BootCalibration):
     def saved(self, buffer: SampleBuffer, end: int) -> BootEstimationState:
         """Return the state to save for `go_on`.
 
-        Encode it at once, because its parts are shared with the running estimation.
-        buffer: holds the samples. The estimation has used the samples of the buffer below number `end`.
+        buffer: holds the samples; the estimation has used those below number `end`.
+        Encode the state at once, because its parts are shared with the running estimation.
         """
         used = self.calibration or self.prior
         return BootEstimationState(

@@ -38,9 +38,8 @@ class CalibrationProgress(CalibrationSession):
         return bool(self.turns) or not self.rested
 
     def judge(self, begun: float, ended: float, *, still: bool) -> list[Progress]:
-        """Process the next window of samples.
+        """Process the next window of samples; return its events, such as turns that have become too old.
 
-        Return the resulting events, which include turns that have become too old.
         begun, ended: device time of the start and end of the window, s. still: whether the device was still in the
         window.
         """

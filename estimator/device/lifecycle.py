@@ -152,8 +152,8 @@ class Lifecycle:
     def on(self, event: Event, reason: Sentences = ()) -> bool:
         """Apply an event to the state table, with a reason for the new state.
 
-        Return whether the table allows the event.
-        If the result is False, nothing has changed. An empty reason keeps the present one.
+        Returns whether the table allows the event in this state; if not, nothing has changed. An empty reason keeps the
+        present one.
         """
         meanwhile = self.away and event in _MEANWHILE
         following = TABLE.get((self._before if meanwhile else self.state, event))

@@ -124,13 +124,13 @@ def correct(
     """Correct a recording as the live service would: each row uses the knowledge at its sample's time.
 
     calibration: calibration to correct with. From the same boot, its bias counts as old until the recording confirms
-    it. From another boot, its scale factors are a prior and its bias is not used; `other_boot`, or another boot, range
-    or rate in the calibration, says so.
+    it. It counts as from another boot if `other_boot` is set, or if its boot, range or rate differs from the
+    recording's. Then its scale factors are a prior, and its bias is not used.
     knobs: settings of the device; by default those of the model that the device states, as in a ward.
     smooth: use the whole recording for every row.
     gyro_range: full-scale range, rad/s; 0 when unknown.
-    warmed_up: the device was on and worn for 15 minutes before the recording began. Otherwise its bias may drift by
-    warming up, as live, where no temperature shows it.
+    warmed_up: the device was on and worn for 15 minutes before the recording began. Otherwise its bias may drift while
+    it warms up, unless the recorded temperature shows this drift.
     batch: number of samples processed at a time; does not affect the result. progress(done, n): called after each
     batch.
 

@@ -16,9 +16,8 @@ Answers = tuple[tuple[str, CommandReply], ...]
 
 
 def checkpoint_of(device: Device, time_ns: int, answers: Answers = ()) -> Checkpoint | None:
-    """Build the checkpoint of a device: everything that another estimator needs to continue it.
+    """Build the checkpoint of a device: all that another estimator needs to continue it; None before its first boot.
 
-    None before its first boot.
     time_ns: host time, ns since the Unix epoch. answers: the latest command replies of the device, each with its verb.
     """
     session = device.session

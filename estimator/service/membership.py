@@ -109,7 +109,10 @@ class Membership:
         self._ready_s = now + HOLD_OFF_S
 
     def excuse(self, seconds: float) -> None:
-        """Postpone the time at which silent estimators count as dead, by seconds in which no message could arrive."""
+        """Postpone the time at which silent estimators count as dead.
+
+        seconds: time in which no message could arrive, s.
+        """
         for peer in self._peers.values():
             peer.heard_s += seconds
 
@@ -123,7 +126,7 @@ class Membership:
             self._peers[name] = _Peer(now - LEASE_S)
 
     def hear(self, *epochs: int) -> None:
-        """Raise `highest` to the highest of these epochs; impossibly high epochs are ignored."""
+        """Raise `highest` to the highest of these received epochs; impossibly high epochs are ignored."""
         self.highest = max(self.highest, *(epoch for epoch in epochs if epoch < BEYOND), 0)
 
     def said(self, owned: Owned, now: float) -> list[str]:
@@ -202,7 +205,7 @@ class Membership:
         self._lost[device] = now + HOLD_OFF_S, taker
 
     def keep(self, devices: Collection[str]) -> None:
-        """Give up all held devices except these ids."""
+        """Give up all held devices except those with these ids."""
         self.held = {device: epoch for device, epoch in self.held.items() if device in devices}
 
     def answers(self, device: str) -> bool:

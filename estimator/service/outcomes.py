@@ -51,9 +51,9 @@ class Outcomes:
             self.to_learn[device.name] = None
 
     def learn(self, device: Device) -> None:
-        """Update a device's bias and calibration from its finished block of samples, if one waits.
+        """Update a device's bias and calibration from its finished block of samples, and report the outcome.
 
-        Report the outcome.
+        Does nothing if no finished block waits.
         """
         if device.session.to_learn:
             self.tell(device, device.session.learn())

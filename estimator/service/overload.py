@@ -33,7 +33,10 @@ class Overload:
         self.busy = 0.0
 
     def idle(self, seconds: float) -> None:
-        """Add idle time of the loop, in seconds."""
+        """Add time in which the loop had nothing to do.
+
+        seconds: this time, s.
+        """
         self._idle_s += seconds
 
     def look(self, now: float) -> int:

@@ -241,11 +241,10 @@ class StoreAccess:
         return self._store.last_run(round(2e9 * CHECKPOINT_S))
 
     def checkpoint(self, device: Device, now: float, *, force: bool = False, whole: bool = False) -> None:
-        """Publish a device's checkpoint and store its bias, if known.
+        """Publish a device's checkpoint and store its bias, if known, every CHECKPOINT_S seconds.
 
-        Does nothing until CHECKPOINT_S seconds after the last.
-        now: monotonic time, s. force: do not wait. whole: store the whole session with the bias, since no sample
-        follows.
+        now: monotonic time, s; an earlier call does nothing. force: do not wait. whole: store the whole session with
+        the bias, since no sample follows.
         """
         if now < device.checkpoint_due and not force:
             return

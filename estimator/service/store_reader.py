@@ -143,8 +143,8 @@ class StoreReader:
         """Return the last sample used for the latest stored bias, by device id.
 
         Values: boot id, sequence number, host time in ns since the Unix epoch, and bridge, empty where unknown. Only
-        biases stored at or after `since_ns`, ns since the Unix epoch, count. Devices with a requested recalibration are
-        left out: the bridges' caches may hold its turns.
+        biases stored at or after `since_ns`, ns since the Unix epoch, count. Devices with a requested recalibration, or
+        with turns taken, are left out: the bridges' caches may hold the turns.
         """
         found: dict[str, tuple[int, int, int, str]] = {}
         for row in self.database.rows("bias", "time_ns >= ?", (since_ns,), "time_ns"):

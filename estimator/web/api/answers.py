@@ -217,7 +217,7 @@ class Words(Struct, frozen=True, forbid_unknown_fields=True):
 class Placing(Struct, frozen=True, forbid_unknown_fields=True):
     """Body of a placement: where and by whom a device is worn from now on.
 
-    If all are empty, nobody wears the device.
+    If all fields are empty, nobody wears the device.
     """
 
     segment: Literal["", *SEGMENTS] = ""  # type: ignore[valid-type] # the list has one place
