@@ -57,7 +57,7 @@ def needs_person(status: Status, info: DeviceInfo | None) -> bool:
 def complaints(info: DeviceInfo | None) -> Sentences:
     """Return messages about faults of a working device that a person has to remedy; empty if there are none.
 
-    These are bad samples, and a battery below LOW_BATTERY_PERCENT that is not charging. info: None if unknown.
+    Faults are bad samples, and a battery below LOW_BATTERY_PERCENT that is not charging. info: None if unknown.
     """
     if info is None:
         return ()

@@ -10,7 +10,7 @@ class SavedSamples(StateStruct):
     """Samples that the estimation still needs, by column, numbered from `first` on.
 
     time: bit patterns of device times in s, as integers. sequence: sequence numbers. host_ns: host times, ns since the
-    Unix epoch. These three are stored as differences between successive samples.
+    Unix epoch. Time, sequence and host_ns are stored as differences between samples.
     rows (n, 8): the other columns of estimator/samples/sample_buffer.py.
     """
 

@@ -57,8 +57,8 @@ class SequenceNumbers:
     def recall(self, boots: Callable[[], Iterable[int] | None]) -> None:
         """Set a lookup for boot ids from before this estimator knew the device; their samples count as old.
 
-        boots: returns the ids, latest last, or None while they are not available. It is called when an unknown boot
-        appears, until it returns ids. So a takeover of many devices need not load all boots first.
+        boots: returns the ids, latest last, or None while they are not available. The lookup is called when an unknown
+        boot appears, until it returns ids. So a takeover of many devices need not load all boots first.
         """
         self._before = boots
 
@@ -82,7 +82,7 @@ class SequenceNumbers:
     def anew(self, came: int, out: int) -> "SequenceNumbers":
         """Return counters for a new session after a failed one: same counts and past boots, no current boot.
 
-        came, out: numbers of samples received and published. Their difference counts as dropped by the failed session.
+        came, out: numbers of samples received and published. The difference counts as dropped by the failed session.
         """
         fresh = SequenceNumbers()
         fresh.samples_in, fresh.samples_out = came, out

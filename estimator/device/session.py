@@ -177,7 +177,8 @@ class DeviceSession(CorrectedStream):
     def offered(self, own: DeviceCalibration, now_ns: int) -> Outcome:
         """Check a calibration that the device made itself, and use it if it is plausible.
 
-        It never replaces a calibration that this estimator made in this boot, and waits while turns are in progress.
+        The device's calibration never replaces one that this estimator made in this boot, and waits while turns are in
+        progress.
         now_ns: host time, ns since the Unix epoch. The outcome is empty if the calibration is not checked.
         """
         learnt, known = self.learnt, self.calibration

@@ -124,7 +124,7 @@ def correct(
     """Correct a recording as the live service would: each row uses the knowledge at its sample's time.
 
     calibration: calibration to correct with. From the same boot, its bias counts as old until the recording confirms
-    it. It counts as from another boot if `other_boot` is set, or if its boot, range or rate differs from the
+    it. A calibration counts as from another boot if `other_boot` is set, or if its boot, range or rate differs from the
     recording's. Then its scale factors are a prior, and its bias is not used.
     knobs: settings of the device; by default those of the model that the device states, as in a ward.
     smooth: use the whole recording for every row.

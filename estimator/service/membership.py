@@ -1,16 +1,17 @@
 """Membership of estimators in a ward, and ownership of devices by rendezvous hashing. Pure: `now` is monotonic time, s.
 
 A device belongs to the live estimator with the highest rendezvous hash. That estimator takes the device under an epoch
-above every epoch it has received. It keeps the device until another estimator claims it under a higher epoch.
+above every epoch it has received. The estimator keeps the device until another estimator claims it under a higher
+epoch.
 Subscribers follow the highest epoch.
 
 Every estimator must reach the same answer by itself, although each may know different devices. So devices are not
 counted, and are shared as evenly as chance allows (300 devices on three estimators: 100 ± 8 each).
 
-An epoch is higher than every epoch received, so that an owner loses against its successor. It is no lower than the
-time, so that estimators that all restarted continue above the epochs that subscribers know. Its last bits are derived
-from the estimator's id. So two estimators on opposite sides of a network partition take one device under different
-epochs.
+An epoch is higher than every epoch received, so that an owner loses against its successor. An epoch is also no
+lower than the time, so that estimators that all restarted continue above the epochs that subscribers know. The last
+bits are derived from the estimator's id. So two estimators on opposite sides of a network partition take one device
+under different epochs.
 """
 
 from collections.abc import Collection, Iterator

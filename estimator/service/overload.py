@@ -42,7 +42,8 @@ class Overload:
     def look(self, now: float) -> int:
         """Check at monotonic time `now`, s, whether the loop keeps up; returns the seconds of overload so far, else 0.
 
-        An overload begins when the busy share exceeds BUSY for PERSISTS_S seconds. It ends after OVER_S seconds below.
+        An overload begins when the busy share exceeds BUSY for PERSISTS_S seconds. The overload ends after OVER_S
+        seconds below.
         """
         passed_s, self._looked = now - self._looked, now
         if passed_s > 0:

@@ -52,7 +52,10 @@ class Presence:
                 del self._tokens[next(iter(self._tokens))]
 
     def forget(self) -> None:
-        """Forget all tokens when the router is gone: the tokens vanish with it, which says nothing about the devices."""
+        """Forget all tokens when the router is gone.
+
+        Tokens vanish with the router, which says nothing about the devices.
+        """
         self._forgot = True
         self._waiting.clear()
         self._tokens.clear()

@@ -62,7 +62,7 @@ class StoreReader:
     def placements(self, device: str) -> list[Placement]:
         """Return all placements of a device (where and by whom it was worn), oldest first.
 
-        Each holds until the next.
+        Each placement holds until the next.
         """
         names = "segment", "side", "wearer", "time_ns", "who"
         return [
@@ -110,7 +110,7 @@ class StoreReader:
     def session(self, device: str, boot: int) -> tuple[bytes, str]:
         """Return the session of a boot as bytes, saved at an orderly stop, and its bridge's id.
 
-        Both empty if not saved.
+        Bytes and id are empty if no session was saved.
         """
         kept, _ = self._kept(device, boot)
         return (b"", "") if kept is None else (kept.session, kept.bridge)

@@ -68,7 +68,7 @@ class Kept(msgspec.Struct):
 def calibrations_in(rows: Iterable[Row]) -> list[Calibration]:
     """Decode the calibrations in rows of the table `calibrations`.
 
-    Those that cannot be decoded are logged and left out.
+    Calibrations that cannot be decoded are logged and left out.
     """
     found = []
     for row in rows:

@@ -92,7 +92,7 @@ class FoxgloveOutlet:
     def round(self, timeout_s: float) -> None:
         """Wait at most `timeout_s` seconds for samples, then send all new messages to the clients that subscribed.
 
-        These are samples, poses, statuses and events.
+        Sent are samples, poses, statuses and events.
         """
         poses = dict[str, Pose]()
         for rows in self._feed.samples(timeout_s):

@@ -72,7 +72,7 @@ def _rate_json(windows: list[tuple[WindowBatch, int]]) -> bytes:
 def summary(status: Status) -> tuple[object, ...]:
     """Return the parts of a status that trigger a new message when they change.
 
-    These are boot, state, quality, reason and calibration.
+    The parts are boot, state, quality, reason and calibration.
     """
     return status.boot, status.state, status.quality, status.reason, status.calibration
 

@@ -123,7 +123,7 @@ class Reader:
 class Feeds:
     """Subscriptions of a dashboard by device id ("" for the whole ward).
 
-    Each ends LINGER_S seconds after its last reader.
+    Each subscription ends LINGER_S seconds after its last reader.
     """
 
     def __init__(self) -> None:
