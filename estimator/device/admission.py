@@ -1,6 +1,7 @@
-"""Admission of a device's messages: from which bridge, and whether one continues a boot, begins one or is refused.
+"""Admission control for the sample messages of one device: accepts or refuses each batch, and detects new boots.
 
-Pure: time is an argument. One bad message must not silence a device, nor a bad sender for ever.
+Only samples from one bridge are used at a time. A single bad message must not silence a device, and a faulty sender
+must not silence it for ever. Pure: time is an argument.
 """
 
 from dataclasses import dataclass
@@ -32,7 +33,7 @@ ELSEWHERE = "also from "
 
 
 class Ruling(Enum):
-    """Ruling on a batch of samples: accept it, begin a boot with it, or only count it."""
+    """Ruling on a batch of samples: accept (TAKE, JUMP), begin a boot (BOOT, RETURN, REPEAT), or only count it."""
 
     TAKE = auto()
     #: the device has restarted: begin its boot
@@ -57,7 +58,11 @@ REFUSED = frozenset({Ruling.LATE, Ruling.RANGE})
 
 @dataclass(slots=True)
 class Mark:
-    """End of the last accepted batch: next sequence number, device time, s, receive time, ns, and steady-clock time, s."""
+    """End of the last accepted batch.
+
+    sequence: number of the next sample. device_s: device time of the last sample, s. receive_ns: host time of receipt
+    at the bridge, ns since the Unix epoch. heard_s: time of arrival here, s of a steady clock.
+    """
 
     sequence: int
     device_s: float
@@ -66,11 +71,14 @@ class Mark:
 
 
 class Admission:
-    """Admission of one device's messages: only from its owner, the one bridge whose samples are used.
+    """Admission control for one device: takes samples only from the owner, the one bridge whose samples are used.
 
-    Batches of old boots, and implausible ones, are refused until they persist.
-    silence_s: seconds for which a device may be silent. `owner`: name of that bridge. `sequence`: counters of accepted
-    samples, shared with the session. heard_s arguments: seconds of any steady clock.
+    Batches of old boots and implausible batches are refused; a refused stream that persists for some seconds is
+    accepted.
+
+    silence_s: seconds for which the owner may be silent before another bridge replaces it. `owner`: name of the owner.
+    `sequence`: counters of accepted samples, shared with the session.
+    Every argument `heard_s` is the arrival time of a message, s of a steady clock.
     """
 
     def __init__(self, silence_s: float) -> None:
@@ -89,9 +97,10 @@ class Admission:
         self._room = float(CROWD)
 
     def owns(self, bridge: str, heard_s: float) -> bool:
-        """Judge a message of a bridge at steady-clock time heard_s, s; return whether the bridge owns the device.
+        """Return whether a bridge owns the device, judged when one of its messages arrives.
 
-        A bridge becomes the owner when the earlier owner has been silent for the time limit given at construction.
+        heard_s: arrival time of the message, s of a steady clock. A bridge becomes the owner when the earlier owner has
+        been silent for longer than the limit given at construction.
         """
         if bridge != self.owner:
             if heard_s - self._heard_s <= self._owned_s:
@@ -101,36 +110,43 @@ class Admission:
         return True
 
     def hold(self, heard_s: float) -> None:
-        """Keep the present owner while no bridge can be heard: its silence counts from heard_s on, steady-clock s."""
+        """Restart the owner's silence timer while no bridge can be received at all.
+
+        heard_s: present time, s of a steady clock; the owner's silence counts from then on.
+        """
         self._heard_s = heard_s
 
     def go_on(self, heard_ns: int) -> None:
-        """Note the host time, ns since the Unix epoch, at which the boot to continue was last heard.
+        """Record when the boot to be continued was last heard: host time `heard_ns`, ns since the Unix epoch.
 
-        Samples received earlier belong to an older boot.
+        Samples received earlier than that belong to an older boot.
         """
         self._booted_ns = heard_ns
 
     def label(self, bridge: str, heard_s: float) -> str:
-        """Name of the counter for samples of another bridge that came at steady-clock time heard_s, s.
+        """Return the name of the counter for samples from a bridge that is not the owner, and record when it was heard.
 
-        After NAMED_BRIDGES names all further bridges share one.
+        heard_s: arrival time, s of a steady clock. Each of the first NAMED_BRIDGES bridges has its own counter; all
+        others share one.
         """
         if bridge in self._others or len(self._others) < NAMED_BRIDGES:
             self._others[bridge] = heard_s
         return f"{ELSEWHERE}{bridge if bridge in self._others else 'others'}"
 
     def refused(self, now: float) -> tuple[str, ...]:
-        """Names of bridges other than the owner that send this device at steady-clock time `now`, s."""
+        """Return the ids of the bridges other than the owner that send this device.
+
+        now: present time, s of a steady clock.
+        """
         return tuple(
             bridge for bridge, at in self._others.items() if bridge != self.owner and now - at <= self._owned_s
         )
 
     def restart(self, came: int, out: int, last_ns: int) -> SequenceNumbers:
-        """Replace the counters after a session has failed, and return the new ones.
+        """Replace the sequence counters after a session has failed, and return the new counters.
 
-        came, out: samples that came and that were published, see `SequenceNumbers.anew`. last_ns: receive time, ns, of
-        the last samples that the failed session took; repeats of them are refused.
+        came, out: numbers of samples received and published so far. last_ns: host time of receipt, ns since the Unix
+        epoch, of the last samples that the failed session took. Repeats of these samples are refused.
         """
         before = self.sequence
         if before.boot is not None:
@@ -139,7 +155,10 @@ class Admission:
         return self.sequence
 
     def judge(self, batch: Samples, heard_s: float) -> Ruling:
-        """Rule on a batch from the owner at steady-clock time heard_s, s; a batch that is refused is also counted."""
+        """Return the ruling on a batch from the owner; a refused batch is counted.
+
+        heard_s: arrival time of the batch, s of a steady clock.
+        """
         sequence = self.sequence
         if self._goes_on(batch):
             self._took(batch, heard_s)

@@ -1,4 +1,4 @@
-"""What needs a person: one definition for the pages, the API, the reports, the command line, the metrics and the alerts. Pure."""
+"""Rules for which problems need a person: one definition for pages, API, reports, metrics and alerts. Pure."""
 
 from enum import StrEnum
 
@@ -11,7 +11,10 @@ _ENDED = (Code.RECORDING_OVER, Code.CAPTURE_OVER, Code.DEVICE_REMOVED, Code.FORG
 
 
 class Kind(StrEnum):
-    """Kind of problem that needs a person: of a device, and from DISK on of an estimator and its machine."""
+    """Kind of problem that needs a person.
+
+    LOST to BATTERY_LOW are problems of a device, DISK to BACKUP of an estimator and its machine.
+    """
 
     LOST = "lost"
     UNCALIBRATED = "uncalibrated"
@@ -29,14 +32,14 @@ _OF_STATE = {State.WARMING: (), State.TRACKING: (), State.LOST: (Kind.LOST,), St
 
 
 def ended(reason: Sentences) -> bool:
-    """Return whether a reason says that the device is meant to send no more: its recording is over, or it was removed."""
+    """Return whether a reason says that the device will not send again: its recording ended, or it was removed."""
     return any(one.code in _ENDED for one in reason)
 
 
 def attentions(state: State, reason: Sentences, info: DeviceInfo | None) -> frozenset[Kind]:
-    """Kinds of problems of a device that need a person now: its state, battery, or bad samples; may be empty.
+    """Return the kinds of problems of a device that need a person now: by state, battery and bad samples; may be empty.
 
-    state, reason: of the device's status. info: the device's DeviceInfo, None if unknown.
+    state, reason: those of the device's status. info: the device's DeviceInfo, None if unknown.
     """
     if state is State.LOST and ended(reason):
         return frozenset()
@@ -52,7 +55,10 @@ def needs_person(status: Status, info: DeviceInfo | None) -> bool:
 
 
 def complaints(info: DeviceInfo | None) -> Sentences:
-    """Messages about what a person has to mend though the device works: bad samples, or a low battery not charging."""
+    """Return messages about faults of a working device that a person has to remedy; empty if there are none.
+
+    Faults are bad samples, and a battery below LOW_BATTERY_PERCENT that is not charging. info: None if unknown.
+    """
     if info is None:
         return ()
     bad = tuple(one for one in info.notices if one.code == Code.SAMPLES_BAD)

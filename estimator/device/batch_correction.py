@@ -1,4 +1,4 @@
-"""Correction of readings, for any number of devices in one call."""
+"""Correction of gyro readings: applies matrix and bias to samples of any number of devices in one call."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -13,7 +13,10 @@ from estimator.samples.sample_buffer import HOST_NS, Samples
 
 
 class Cut(NamedTuple):
-    """Samples of a message from index `first` up to but not including `end`, and the correction to apply to them."""
+    """Segment of a sample message, and the correction that applies to this segment.
+
+    The segment has the samples from index `first` up to but not including index `end`.
+    """
 
     samples: Samples
     correction: Correction
@@ -22,14 +25,15 @@ class Cut(NamedTuple):
 
     @property
     def n(self) -> int:
-        """Number of samples in the cut."""
+        """Number of samples in the segment."""
         return self.end - self.first
 
     @property
     def header(self) -> tuple[int, int, int, float, float, bytes]:
-        """Header of the cut for the wire's encoders.
+        """Header of the segment for the wire's encoders: a tuple of six values.
 
-        Boot id, sequence number and host time (ns) of the first sample, tick period (s), clock rate, and packed ticks.
+        Boot id; sequence number of the first sample; host time of the first sample, ns since the Unix epoch; length of
+        a device clock tick, s; host seconds per second of the device's clock; ticks of all samples, packed as uint64.
         """
         samples, _, first, end = self
         place = samples.boot, samples.sequence + first, samples.places.item(first, HOST_NS)
@@ -41,10 +45,12 @@ Rates = tuple[bytes, bytes]
 
 
 def correct(cuts: Sequence[Cut]) -> list[Rates]:
-    """Corrected rates (rad/s) and flags of each cut, packed as on the wire; for any number of devices at once.
+    """Compute the corrected rates of each segment: rate = matrix (reading − bias).
 
-    The bits do not depend on how many cuts are corrected together. A rate beyond the wire's range is limited to it and
-    flagged as clipped.
+    Result, in the order of `cuts`: rates in rad/s (n, 3) as packed float32, and flags (n,) as packed uint32, empty
+    where no flag is set. A rate beyond the wire's range is limited to this range and flagged as clipped.
+
+    The result of a segment is bit for bit the same whichever segments are corrected in the same call.
     """
     if not cuts:
         return []
@@ -66,7 +72,10 @@ def correct(cuts: Sequence[Cut]) -> list[Rates]:
 
 
 def batch_of(cut: Cut, rates: Rates) -> CorrectedBatch:
-    """Message with the corrected samples of a cut; rates: its element of the result of `correct`."""
+    """Build the CorrectedBatch message of one segment.
+
+    rates: the segment's element of the result of `correct`: packed rates (n, 3), rad/s, and flags.
+    """
     boot, sequence, start_time_ns, tick_period_s, clock_rate, ticks = cut.header
     correction, (rate, flags) = cut.correction, rates
     return CorrectedBatch(

@@ -1,4 +1,4 @@
-"""Calibration in one boot: knowledge from earlier boots, turns in progress, and the gyro model that follows from both."""
+"""Calibration within one boot: derives the gyro model in use from earlier boots and turns in progress."""
 
 from collections.abc import Callable
 
@@ -33,10 +33,12 @@ _WAS_DOUBTED = (Code.BIAS_WAS_DOUBTED(),)
 
 
 class BootCalibration:
-    """Calibration and gyro model in a boot that began at device time `began`, s.
+    """Calibration, gyro model and bias tracker of one boot.
 
-    law: temperature law from earlier boots, or None. life: state table that gets the events of a calibration. events:
-    counts of other events. as_message: turns a result into a calibration message.
+    began: device time of the boot's start, s. law: temperature law (bias against temperature) from earlier boots, or
+    None.
+    life: state table that receives the events of a calibration. events: counts of other events.
+    as_message: converts a calibration result into a calibration message.
     """
 
     def __init__(
@@ -75,9 +77,10 @@ class BootCalibration:
         self._belief = believed(calibration, prior, self._knobs.prior, self._moves)
 
     def restore(self, remembered: PriorKnowledge, calibration: Calibration, temperature_c: float | None) -> None:
-        """Continue with a calibration of this boot and the bias remembered with it, as after the estimator restarted.
+        """Restore a calibration of this boot with the stored bias, for example after a restart of the estimator.
 
-        temperature_c: the device's temperature now, °C, or None.
+        remembered: stored bias of this boot, and whether it was in doubt. temperature_c: the device's temperature now,
+        °C, or None.
         """
         self._use(calibration)
         self.under_way, knobs, law = None, self._knobs.track, self.tracker.law
@@ -92,7 +95,7 @@ class BootCalibration:
             self._life.on(Event.DOUBTED, self.tracker.doubt.why)
 
     def accept(self, calibration: Calibration, reason: Sentences) -> None:
-        """Use a calibration that the device made itself in this boot; a bias that rests have shown is kept.
+        """Use a calibration that the device made itself in this boot; a bias already measured in rests is kept.
 
         reason: text for the device's status.
         """
@@ -109,19 +112,25 @@ class BootCalibration:
 
     @property
     def seen(self) -> tuple[Floats, Floats] | None:
-        """Bias (3,) measured in rests of this boot, and its standard deviation (3,), rad/s; None while still uncertain."""
+        """Bias (3,) in rad/s measured in rests of this boot, and its standard deviation (3,) in rad/s, sensor frame.
+
+        None while the bias is still uncertain.
+        """
         return (self.tracker.bias, self.tracker.std) if self.tracker.sure else None
 
     @property
     def noise_std(self) -> Floats:
-        """White noise (3,) of a reading, rad/s: measured in rests, else that of the device model."""
+        """White noise of one reading: standard deviation (3,), rad/s.
+
+        As measured in rests; before a rest, that of the device model.
+        """
         return reading_std(self._stillness.noise_std) if self._stillness.noise_known else self._belief.model.noise_std
 
     def resume(self, remembered: PriorKnowledge, temperature_c: float | None) -> bool:
-        """Continue with the remembered bias of a boot without a calibration.
+        """Restore the stored bias of a boot that has no calibration; True if the bias was restored.
 
-        False if there is none, or a calibration is in use.
-        temperature_c: the device's temperature now, °C, or None.
+        False if no bias is stored, or a calibration is in use. temperature_c: the device's temperature now, °C, or
+        None.
         """
         kept = remembered.bias_at(self.now, self._knobs.track.bias_std)
         if kept is None or self.calibration is not None:
@@ -132,7 +141,7 @@ class BootCalibration:
         return True
 
     def believe(self, calibration: Calibration) -> None:
-        """Use the scale factors of an earlier boot's calibration until this boot is calibrated."""
+        """Use the scale factors of an earlier boot's calibration as a prior until this boot is calibrated."""
         self._use(None, calibration)
         if self.tracker.sure:
             self.tracker.rescaled(self._belief.model)
@@ -140,9 +149,9 @@ class BootCalibration:
             self.tracker.supposed(self._belief.model, self._belief.bias_std, self.now)
 
     def moves(self, moves: float) -> bool:
-        """Set how far the scale factors change from boot to boot (relative std).
+        """Set the standard deviation of the scale factors from boot to boot, and return whether the gyro model changed.
 
-        Returns whether the gyro model changed.
+        moves: relative standard deviation, without unit.
         """
         self._moves = moves
         if self.prior is None:
@@ -152,9 +161,9 @@ class BootCalibration:
         return True
 
     def expect(self, law: TemperatureLaw) -> None:
-        """Use a temperature law (bias against temperature) that became available only after the boot had begun.
+        """Set the temperature law (bias against temperature) if it becomes available only during the boot.
 
-        A slope estimated under a law is kept; any other slope is replaced by the law's.
+        A slope that was estimated under a law is kept. Any other slope is replaced by the law's.
         """
         self.tracker.expect(law, learnt=self.calibration is not None and self._slope_learnt)
         self._slope_learnt = self.calibration is not None
@@ -218,9 +227,9 @@ class BootCalibration:
             self.tracker.rescaled(self._belief.model)
 
     def cancel(self, who: str) -> None:
-        """Cancel a calibration in progress; an old one stays in use, without one the calibration starts over.
+        """Cancel the calibration in progress for the person `who`, who is named in the status.
 
-        who: the person who cancels, for the status.
+        An older calibration of this boot stays in use. Without one, the calibration starts over.
         """
         if self.calibration is None:
             self.under_way = CalibrationProgress(self._knobs)
@@ -248,26 +257,35 @@ class BootCalibration:
 
     @property
     def awaited(self) -> bool:
-        """True if a person now waits for the next samples' result: a calibration's first rest, or one of its turns."""
+        """True while a person waits for the outcome of the next samples: a calibration's first rest, or a turn."""
         return self.under_way is not None and self.under_way.awaited
 
     @property
     def asked(self) -> tuple[str, str] | None:
-        """Who asked for the recalibration in progress, and why; None where nobody asked."""
+        """Name of the person who requested the recalibration in progress, and the reason given.
+
+        None if nobody requested one.
+        """
         return None if self.under_way is None else self.under_way.asked
 
     @property
     def turned(self) -> tuple[int, ...]:
-        """Axes (0 to 2) whose turns are taken in the calibration in progress; empty without one."""
+        """Axes (0, 1, 2 for x, y, z) whose turns are accepted in the calibration in progress.
+
+        Empty if none is in progress.
+        """
         return () if self.under_way is None else self.under_way.done()
 
     @property
     def progress(self) -> float:
-        """Progress of a calibration, 0 to 1: 0.1 for a known bias and 0.3 for each turn; 1 when none is in progress."""
+        """Progress of the calibration, 0 to 1: 0.1 for a known bias, 0.3 for each turn.
+
+        1 when no calibration is in progress.
+        """
         return 1.0 if self.under_way is None else min(0.1 * self.tracker.sure + 0.3 * len(self.turned), 1.0)
 
     def bias(self) -> BiasState | None:
-        """Bias state to store for a restart; None while the boot is uncalibrated and its bias is not sure."""
+        """Return the bias state to store for a restart; None while the boot is uncalibrated and its bias uncertain."""
         return self.tracker.worth_keeping if self.calibration is not None or self.tracker.sure else None
 
 

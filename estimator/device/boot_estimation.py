@@ -1,4 +1,4 @@
-"""Estimation in one boot: blocks of samples in; calibration, bias and the correction to apply out."""
+"""Estimation within one boot: updates calibration and bias from blocks of samples; gives the correction."""
 
 from collections import deque
 
@@ -30,14 +30,19 @@ from estimator.tracking.tracked_bias import TrackerState
 
 
 class BootEstimationState(StateStruct):
-    """Saved state of a boot's estimation, without the samples of a calibration in progress and the smoother's history.
+    """Saved state of a boot's estimation.
 
-    calibration: id of the calibration in use, which is stored elsewhere; empty without one. under_way: whether a
-    calibration is in progress. asked: who asked for it, and why. turned: axes whose turns were taken. began, now:
-    device time, s, of the boot's begin and of the last judged window. silent_until, silent_c: device time, s, and
-    temperature, °C, of the first sample after the latest silence. moves: relative std of the scale from boot to boot.
-    scratch: why earlier knowledge is void. reached: sequence number and host time, ns, of the last sample the bias was
-    estimated from.
+    Not saved: the samples of a calibration in progress, and the history kept for smoothing.
+
+    calibration: id of the calibration in use, which is stored elsewhere; empty without one.
+    under_way: whether a calibration is in progress. asked: the person who requested it, and the reason.
+    turned: axes (0, 1, 2) whose turns are accepted. scratch: reasons why earlier knowledge does not apply.
+    began, now: device time, s, of the start of the boot and of the last judged window.
+    silent_until, silent_c: device time, s, and temperature, °C, of the first sample after the latest silence.
+    moves: relative standard deviation of the scale factors from boot to boot, without unit.
+    cancelled, cancelled_until: reasons shown after a cancelled calibration, until this device time, s.
+    slope_learnt: whether the bias slope against temperature was estimated under a temperature law.
+    reached: sequence number and host time, ns since the Unix epoch, of the last sample used for the bias.
     """
 
     tracker: TrackerState
@@ -61,7 +66,10 @@ class BootEstimationState(StateStruct):
 
 
 class BootEstimation(BootCalibration):
-    """Estimation in one boot: calibration, bias tracking and the correction; see BootCalibration for its arguments."""
+    """Estimation within one boot: calibration, bias tracking and the correction to apply.
+
+    began: device time of the boot's start, s. See BootCalibration for the other arguments.
+    """
 
     def __init__(
         self,
@@ -81,9 +89,10 @@ class BootEstimation(BootCalibration):
         self.receipts = deque[messages.Receipt](maxlen=MAX_RECEIPTS)
 
     def saved(self, buffer: SampleBuffer, end: int) -> BootEstimationState:
-        """State to save for `go_on`; encode it at once, because its parts are shared with the running estimation.
+        """Return the state to save for `go_on`.
 
-        The estimation has used the samples below number `end` of the buffer.
+        buffer: holds the samples; the estimation has used those below number `end`.
+        Encode the state at once, because its parts are shared with the running estimation.
         """
         used = self.calibration or self.prior
         return BootEstimationState(
@@ -108,10 +117,10 @@ class BootEstimation(BootCalibration):
         )
 
     def go_on(self, saved: BootEstimationState, calibration: Calibration | None, boot: int) -> SampleBuffer:
-        """Restore a saved state in a boot without other knowledge; returns the buffer of the samples so far.
+        """Restore a saved state at the start of a boot; returns the buffer with the samples so far.
 
-        calibration: the calibration whose id the state holds, or None. Raises ValueError when the state is damaged or
-        names another calibration.
+        calibration: the calibration whose id is in the state, or None. boot: id of the present boot.
+        Raises ValueError if the state is damaged or names another calibration.
         """
         if saved.calibration != ("" if calibration is None else calibration.id):
             raise ValueError(f"the state belongs to calibration {saved.calibration or 'none'}, which was not given")
@@ -136,18 +145,19 @@ class BootEstimation(BootCalibration):
         return buffer
 
     def resumed(self, time: float, celsius: float | None) -> None:
-        """Note that a silence ends: device time, s, and temperature, °C or None, of the next sample.
+        """Note the end of a silence, by the time and temperature of the next sample.
 
-        Until the tracker reaches that time, `correction` predicts the bias to it.
+        time: device time, s. celsius: temperature, °C, or None. Until the tracker reaches that time, `correction` uses
+        the bias predicted for that time.
         """
         self._silent_until, self._silent_c = time, celsius
 
     # ---- samples --------------------------------------------------------------------------------------------------
 
     def learn(self, buffer: SampleBuffer, end: int, of: tuple[str, int], outcome: Outcome) -> bool:
-        """Update bias and calibration from the samples below number `end`; return whether the correction has changed.
+        """Update bias and calibration from the samples numbered below `end`; return whether the correction has changed.
 
-        buffer: holds the samples. of: device and boot of the samples. Results and events go to `outcome`.
+        buffer: holds the samples. of: device id and boot id. outcome: receives results and events.
         """
         begin, belief = self.tracker.time, self._belief
         windows = self._stillness.take(buffer, end)
@@ -227,21 +237,24 @@ class BootEstimation(BootCalibration):
 
     @property
     def reached(self) -> tuple[int, int] | None:
-        """Sequence number and host time, ns, of the last sample the bias was estimated from; None before the first."""
+        """Sequence number and host time, ns since the Unix epoch, of the last sample used for the bias.
+
+        None before the first.
+        """
         return self._past.reached
 
     @property
     def accelerometer(self) -> AccelerometerCalibration | None:
-        """Accepted calibration of the accelerometer: by this boot's rests, else that of the calibration in use.
+        """Accelerometer calibration from this boot's rests if accepted, else the one of the calibration in use.
 
-        Where none is accepted, the last one by this boot's rests, or None.
+        If none is accepted: the latest one from this boot's rests, or None.
         """
         own, given = self._poses.found, None if self.calibration is None else self.calibration.accelerometer
         accepted = [one for one in (own, given) if one is not None and one.verdict is Verdict.ACCEPTED]
         return accepted[0] if accepted else own
 
     def correction(self) -> Correction:
-        """Correction to apply to the next samples, chosen from calibration, tracked bias and known noise."""
+        """Return the correction to apply to the next samples: from calibration, tracked bias and measured noise."""
         noise_std = reading_std(self._stillness.noise_std) if self._stillness.noise_known else None
         track = self.tracker
         bias, std = track.ahead(self._silent_until, self._silent_c)

@@ -1,4 +1,4 @@
-"""A calibration in progress: who asked for it, which turns are done, and which are missing."""
+"""Calibration in progress: its requester, completed and missing turns, and messages for people."""
 
 from bridge.reasons.codes import Code, Sentences
 from estimator.calibration.session import CalibrationSession, too_old
@@ -8,9 +8,9 @@ from estimator.geometry.gyro_model import AXES, axis_names
 
 
 class CalibrationProgress(CalibrationSession):
-    """Calibration in progress, and its sentences for people.
+    """Calibration session in progress, with its requester and its messages for people.
 
-    who, why: the person who asked for it and the reason; empty for the calibration after a boot.
+    who, why: the person who requested it and the reason; both empty for the calibration that follows a boot.
     """
 
     def __init__(self, knobs: SessionKnobs, who: str = "", why: str = "") -> None:
@@ -26,25 +26,29 @@ class CalibrationProgress(CalibrationSession):
 
     @property
     def asked(self) -> tuple[str, str] | None:
-        """Who asked for the calibration, and why; None for the one that every boot begins with."""
+        """Name of the person who requested the calibration, and the reason.
+
+        None for the calibration that follows a boot.
+        """
         return (self.who, self.why) if self.who else None
 
     @property
     def awaited(self) -> bool:
-        """True if a person now waits for a result of the next samples: the first rest, or a turn after another."""
+        """True while a person waits for the outcome of the next samples: before the first rest or after a turn."""
         return bool(self.turns) or not self.rested
 
     def judge(self, begun: float, ended: float, *, still: bool) -> list[Progress]:
-        """Judge the next window as a calibration session does; the events also name turns that are now too old.
+        """Process the next window of samples; return its events, such as turns that have become too old.
 
-        begun, ended: device time of the window, s. still: whether the window was judged still.
+        begun, ended: device time of the start and end of the window, s. still: whether the device was still in the
+        window.
         """
         old = self.expire(ended)
         progress = super().judge(begun, ended, still=still)
         return [Expired(old), *progress] if old else progress
 
     def said(self, progress: TurnFound | Expired | Ignored) -> Sentences:
-        """Return sentences for people about an event of the calibration, and about the turns still needed."""
+        """Return messages for people about an event of the calibration, followed by the turns still needed."""
         missing = self.missing()
         match progress:
             case TurnFound(turn, dropped, missing):

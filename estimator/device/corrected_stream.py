@@ -1,7 +1,7 @@
-"""Corrects the samples of one device at once, and updates its bias and calibration block by block.
+"""Correction of one device's samples without delay, and block by block updates of its bias and calibration.
 
-Estimates from a block of device time (`estimator.samples.blocks`) are applied from the end of the next block on. So the
-corrected rates do not depend on how the samples are batched, and the caller may run `learn` whenever there is time.
+Estimates from one block of device time (`estimator.samples.blocks`) are applied from the end of the next block on. So
+corrected rates do not depend on how samples are batched, and the caller may run `learn` whenever there is time.
 """
 
 from functools import partial
@@ -29,9 +29,10 @@ SILENCE_S = 5.0
 
 
 class CorrectedStream:
-    """Corrects one device's samples, and updates its bias and calibration from them, in one boot after another.
+    """Corrector of one device's samples over successive boots; updates bias and calibration from the samples.
 
-    began: device time at which the first boot begins, s. sequence: sequence counters to continue; new ones by default.
+    device: its id. knobs: settings of the session. began: device time of the first boot's start, s.
+    sequence: sequence counters to continue; new ones by default.
     """
 
     def __init__(
@@ -68,7 +69,7 @@ class CorrectedStream:
         self._lesson_s = self._blocks.length_s
 
     def orient(self) -> None:
-        """Begin to estimate the orientation, or restart it; the next sample has heading zero."""
+        """Start or restart the orientation estimate; the heading is zero at the next sample."""
         self.attitude = Attitude()
 
     @property
@@ -83,23 +84,23 @@ class CorrectedStream:
 
     @property
     def prior(self) -> Calibration | None:
-        """Calibration of an earlier boot under the same restore key, or None."""
+        """Calibration of an earlier boot under the same restore key (model, firmware, range, rate), or None."""
         return self.learnt.prior
 
     @property
     def tracker(self) -> Tracker:
-        """Bias tracker of the current boot."""
+        """Bias tracker of the current boot: a Kalman filter with its evidence."""
         return self.learnt.tracker
 
     def begins_earlier(self, samples: Samples) -> bool:
-        """Return whether the samples are earlier than the assumed begin of the boot, and the first of the boot."""
+        """Return whether these are the first samples of the boot and lie before its assumed start in device time."""
         return self.sequence.next is None and samples.first_s < self.learnt.began
 
     def take(self, samples: Samples, cuts: list[Cut]) -> Outcome | None:
-        """Accept samples of the current boot, all finite, without correcting them.
+        """Accept samples of the current boot, and assign a correction to each; `batch_correction.correct` applies it.
 
-        Late or repeated ones are counted and dropped.
-        Appends to `cuts` which samples each correction applies to. Returns the outcome of earlier samples, or None.
+        samples: all finite. Late and repeated samples are counted and dropped. cuts: receives the segments of the
+        samples, each with its correction. Returns the outcome of earlier blocks that this call processed, or None.
         """
         first = self.sequence.fresh(samples)
         if first == samples.n:
@@ -130,10 +131,10 @@ class CorrectedStream:
         return self._lesson is not None
 
     def learn(self) -> Outcome:
-        """Update bias and calibration from the last finished block now; return the outcome.
+        """Update bias and calibration from the last finished block; return the outcome.
 
-        Without this call the update happens at the end of the next block, from which on the result is applied in either
-        case.
+        If this method is not called, the update happens at the end of the next block. In both cases its result is
+        applied from there on.
         """
         outcome = Outcome()
         self._learn(outcome)
@@ -165,14 +166,14 @@ class CorrectedStream:
             self._ready = self.learnt.correction()
 
     def end(self) -> Outcome:
-        """Finish the stream: use its last blocks without waiting for more samples; return the outcome."""
+        """Finish the stream: process its last blocks without waiting for more samples; return the outcome."""
         outcome = Outcome()
         self._end_block(outcome)
         self._learn(outcome)
         return outcome
 
     def count_event(self, name: str) -> int:
-        """Count an event of this device that happened outside the session, by name; return the new count."""
+        """Count an event of this device that happened outside the session, by its name; return the new count."""
         return self.sequence.events.add(name)
 
     def _apply(self) -> None:
@@ -181,9 +182,11 @@ class CorrectedStream:
 
 
 def as_message(session: CorrectedStream, result: Result, who: str, now_ns: int) -> Calibration:
-    """Calibration message of a result, with the session's device, boot, temperature and accelerometer calibration.
+    """Build the calibration message of a result.
 
-    who: the person who asked for it, or empty. now_ns: host time, ns, which also names the calibration.
+    Device, boot, temperature and accelerometer calibration come from the session.
+    who: the person who requested the calibration, or empty. now_ns: host time, ns since the Unix epoch; also part of
+    the calibration's id.
     """
     info = session.info
     boot = session.boot or 0

@@ -1,4 +1,4 @@
-"""The correction in force and its uncertainty, chosen from calibration, prior and tracked bias."""
+"""Correction parameters in use and their uncertainty, chosen from calibration, prior and tracked bias."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -24,13 +24,17 @@ _AS_READ = np.repeat([0.0, 1.0], 3)
 
 @dataclass(frozen=True, eq=False)
 class Correction:
-    """One set of correction parameters: all that a CorrectedBatch carries beside its samples.
+    """Parameters that correct a reading, with their uncertainty; frame: the sensor's axes.
 
-    bias_std (3,) rad/s, standard deviation of the bias; flicker rad/s, standard deviation of the bias instability;
-    calibration: id of the calibration in use. walk: rate random walk, rad/s per root second. Only the orientation uses
-    the last two, which are None before they are known. taught (21,), estimated from gravity: relative change of the
-    matrix (9, row by row), and standard deviations of matrix (9) and accelerometer bias (3, m/s²). accel (9,), of a
-    calibrated accelerometer: bias (3, m/s²), scale (3), standard deviation of the bias (3, m/s²).
+    model: matrix, bias, and standard deviations of noise and scale. quality: quality of the corrected rates.
+    bias_std (3,): standard deviation of the bias, rad/s. calibration: id of the calibration in use.
+    flicker: standard deviation of the bias instability, rad/s. walk: rate random walk, rad/s/√s.
+
+    The next two are used by the orientation only, and are None until known.
+    taught (21,), estimated from gravity: relative change of the matrix (9, row by row), its standard deviation (9), and
+    that of the accelerometer bias (3, m/s²).
+    accel (9,), of a calibrated accelerometer: bias (3, m/s²), scale factors (3), standard deviation of the bias (3,
+    m/s²).
     """
 
     model: GyroModel
@@ -44,10 +48,10 @@ class Correction:
 
     @cached_property
     def told(self) -> Float32s:
-        """Parameters published with every CorrectedBatch, (6, 3), limited to the wire's range; the rows are named by TOLD.
+        """Parameters (6, 3) published with every CorrectedBatch, limited to the wire's range; TOLD names the rows.
 
-        Standard deviations of the rate's errors by noise, bias and flicker, rad/s; of scale and misalignment, relative;
-        and the bias of the reading, rad/s.
+        Rows 0 to 2: standard deviation of the corrected rate due to noise, bias and bias instability, rad/s. Rows 3 and
+        4: relative standard deviation of scale factor and misalignment. Row 5: bias of the reading, rad/s.
         """
         model, rows = self.model, np.empty((6, 3))
         rows[0], rows[1], rows[2] = model.noise_std, self.bias_std, self.flicker
@@ -57,12 +61,15 @@ class Correction:
 
     @cached_property
     def parameters(self) -> Floats:
-        """Matrix (9, row by row) and bias (3) rad/s, concatenated to (12,)."""
+        """Calibration matrix (9, row by row, without unit) and bias (3, rad/s), concatenated to (12,)."""
         return np.concatenate([self.model.matrix.ravel(), self.model.bias])
 
     @cached_property
     def known(self) -> Floats:
-        """Sensor parameters that the orientation needs, packed as (38,): see `orientation.attitude.known`."""
+        """Sensor parameters (38,) for the orientation estimate, in SI units.
+
+        `orientation.attitude.known` describes their order.
+        """
         model, accel = self.model, _AS_READ
         if self.taught is None:
             std = np.repeat([*model.cross_std, _ACCEL_STD], 3)
@@ -75,7 +82,7 @@ class Correction:
         return known(model, self.bias_std, std, self.flicker, self.walk, accel)
 
     def check(self) -> None:
-        """Check shapes and values. Raises ValueError when a reading cannot be corrected with them."""
+        """Check shapes and values of the parameters. Raises ValueError if they cannot correct a reading."""
         model = self.model
         shaped(model.matrix, 3, 3, finite=True)
         shaped(model.bias, 3, finite=True)
@@ -89,9 +96,11 @@ class Correction:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Belief:
-    """Knowledge of a gyro before its bias is tracked: model (scale, misalignment, bias) with bias_std (3,) rad/s, and its source.
+    """Prior knowledge of a gyro, before its bias is tracked: gyro model, bias uncertainty and origin.
 
-    quality: best quality of rates corrected by it. calibration: id of the calibration it comes from; empty for the datasheet.
+    model: scale factors, misalignment, bias (rad/s) and noise. bias_std (3,): standard deviation of the bias, rad/s.
+    quality: best possible quality of rates corrected with it. calibration: id of its calibration; empty for the
+    datasheet.
     """
 
     model: GyroModel
@@ -103,10 +112,12 @@ class Belief:
 def believed(
     calibration: Calibration | None, earlier: Calibration | None, knobs: PriorKnobs, moves: float | None = None
 ) -> Belief:
-    """Choose the best available gyro model: this boot's calibration, else an earlier boot's scale, else the datasheet.
+    """Choose the best available gyro model: this boot's calibration, else an earlier boot's, else the datasheet.
 
-    moves: relative std of the scale from boot to boot (see gyro_model.repeatability). When unknown, the scale is as
-    uncertain as `knobs.scale_std` says. The std of the bias is `knobs.bias_std` in every case.
+    calibration: of this boot, or None. earlier: of an earlier boot, or None; its bias is only a starting value.
+    moves: relative standard deviation of the scale factors from boot to boot (see gyro_model.repeatability); None if
+    unknown, then `knobs.scale_std` replaces it.
+    The standard deviation of the bias is `knobs.bias_std` in every case.
     """
     used = calibration or earlier
     if used is None:
@@ -133,11 +144,14 @@ def choose(
     taught: Floats | None = None,
     accel: Floats | None = None,
 ) -> Correction:
-    """Combine a belief with the tracked bias (3,) rad/s, its std (3,) and the flicker, rad/s, into a correction.
+    """Combine the gyro model in use with the tracked bias into a correction, and grade its quality.
 
-    noise_std (3,) rad/s: noise of the present rest, or None for the model's. sure: the bias is known well enough and
-    undoubted. away: the device sends nothing. walk, taught, accel: see `Correction`. These decide the quality: GOOD
-    needs a calibration of this boot, a sure bias and a device that sends.
+    bias, bias_std (3,): tracked bias and its standard deviation, rad/s. noise_std (3,): white noise of a reading in the
+    present rest, rad/s; None for the model's. flicker: standard deviation of the bias instability, rad/s.
+    sure: whether the bias is known well enough and not in doubt. away: whether the device sends nothing.
+    walk, taught, accel: see `Correction`.
+
+    Quality GOOD needs a calibration of this boot, a sure bias, and a device that sends.
     """
     quality = belief.quality
     if quality is Quality.GOOD:

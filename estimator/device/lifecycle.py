@@ -1,4 +1,4 @@
-"""Life cycle of a device as one state table. An event that the table does not name changes nothing and returns False.
+"""Life cycle of a device as one state table. An event that the table does not list for a state changes nothing.
 
 docs/life.md shows the same table for people; a test compares the two.
 """
@@ -13,7 +13,7 @@ NEVER_S = 1e9
 
 
 class Event(StrEnum):
-    """Events in the life of a device; `CAUSES` says when each occurs."""
+    """Event in the life of a device; `CAUSES` says when each occurs."""
 
     BOOTED = "booted"
     WARM = "warm"
@@ -65,7 +65,7 @@ CAUSES: dict[Event, str] = {
 
 
 class Back:
-    """Entry of the state table that means: back to the state before the device went away."""
+    """Entry of the state table that means: return to the state from before the device went away."""
 
 
 S, E = State, Event
@@ -103,7 +103,10 @@ TABLE: dict[tuple[State, Event], State | type[Back]] = {
 
 
 class Lifecycle:
-    """Current state of one device and the reason for it; a device that was away returns to its earlier state."""
+    """State machine of one device: present state, and the reasons for it.
+
+    A device that goes away and is heard again returns to its earlier state.
+    """
 
     def __init__(self) -> None:
         self.state = self._before = State.UNKNOWN
@@ -112,11 +115,14 @@ class Lifecycle:
 
     @property
     def saved(self) -> tuple[str, str, Sentences, Sentences]:
-        """State to save for `resume`: names of the present state and of that before the device went away; both reasons."""
+        """State to save for `resume`.
+
+        Names of the present state and of the state before the device went away, then the reasons of both.
+        """
         return self.state.name, self._before.name, self.reason, self._reason_before
 
     def resume(self, saved: tuple[str, str, Sentences, Sentences]) -> None:
-        """Restore what `saved` returned. Raises ValueError when it names an unknown state."""
+        """Restore a state saved by `saved`. Raises ValueError if it names an unknown state."""
         state, before, self.reason, self._reason_before = saved
         try:
             self.state, self._before = State[state], State[before]
@@ -125,16 +131,19 @@ class Lifecycle:
 
     @property
     def away(self) -> bool:
-        """True if nothing arrives from the device: UNKNOWN or LOST."""
+        """True if nothing arrives from the device: state UNKNOWN or LOST."""
         return self.state in AWAY
 
     @property
     def goes_on(self) -> Sentences:
-        """Reason of the present state; while the device is away, of the state it will return to."""
+        """Reason of the present state; while the device is away, reason of the state to which it will return."""
         return self._reason_before if self.away else self.reason
 
     def say(self, reason: Sentences) -> None:
-        """Set the reason of the present state; while the device is away, of the state it will return to."""
+        """Set the reason of the present state.
+
+        While the device is away, the reason of the state to which it will return.
+        """
         if self.away:
             self._reason_before = reason
         else:
@@ -143,7 +152,8 @@ class Lifecycle:
     def on(self, event: Event, reason: Sentences = ()) -> bool:
         """Apply an event to the state table, with a reason for the new state.
 
-        False when the table does not allow the event in this state; nothing changed then.
+        Returns whether the table allows the event in this state; if not, nothing has changed. An empty reason keeps the
+        present one.
         """
         meanwhile = self.away and event in _MEANWHILE
         following = TABLE.get((self._before if meanwhile else self.state, event))

@@ -1,4 +1,4 @@
-"""Orientation of devices, for many devices and cuts of samples in one call."""
+"""Orientation of devices: integrates the attitudes of many devices over segments of samples in one call."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -10,9 +10,9 @@ from estimator.state import Floats
 
 
 class OrientedCut(NamedTuple):
-    """Samples of a cut, and the attitude at each of them.
+    """Segment of samples, and the attitude at each sample.
 
-    zero: sequence number of the sample at which the heading was zero, and why (`start`, or who reset it).
+    zero: sequence number of the sample at which the heading was set to zero, and by whom; `start` if by nobody.
     """
 
     cut: Cut
@@ -21,11 +21,12 @@ class OrientedCut(NamedTuple):
 
 
 def oriented(due: Sequence[tuple[Attitude, Cut]], *, every: bool = False) -> list[OrientedCut]:
-    """Integrate attitudes over cuts of samples, of any number of devices; return each cut with its attitudes.
+    """Integrate attitudes over segments of samples, for any number of devices; return each segment with its attitudes.
 
-    due: pairs of a device's attitude and its next cut; the cuts of a device in order. The bits do not depend on how the
-    samples are batched. Samples that an attitude restored from a checkpoint has seen already are left out. every: see
+    due: pairs of a device's attitude state and its next segment; the segments of one device in order. every: see
     `orient`.
+    Samples that a restored attitude has already processed are left out. The result does not depend, bit for bit, on how
+    the samples are batched.
     """
     new, rows = list[tuple[Attitude, Cut]](), list[tuple[Attitude, Floats, Floats]]()
     for attitude, (samples, correction, begin, end) in due:

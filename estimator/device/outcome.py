@@ -1,4 +1,4 @@
-"""Results of processing a device's samples."""
+"""Results of processing a device's samples: messages to publish and lines to log."""
 
 from dataclasses import dataclass, field
 
@@ -8,10 +8,10 @@ from estimator.device.window_summary import Second
 
 @dataclass(slots=True)
 class Outcome:
-    """Results of processing a device's samples, possibly of minutes.
+    """Results of processing samples of one device; they may cover minutes of samples.
 
-    calibrations, revisions: messages to publish. seconds: finished blocks, for window summaries. changed: the device's
-    status changed and must be published. said: lines to log, most important last.
+    calibrations, revisions: messages to publish. seconds: finished blocks of samples, for window summaries.
+    changed: whether the device's status changed and must be published. said: lines to log, most important last.
     """
 
     calibrations: list[Calibration] = field(default_factory=list)
@@ -22,5 +22,5 @@ class Outcome:
 
     @property
     def worded(self) -> bool:
-        """True if there is a message to publish beside the samples: a status, calibration or revision."""
+        """True if there is a message to publish other than samples: a status, calibration or revision."""
         return self.changed or bool(self.calibrations) or bool(self.revisions)

@@ -1,4 +1,4 @@
-"""Judges a calibration that a device made itself with the paper's Algorithm 1 (`embedded/`). Pure."""
+"""Plausibility check of a calibration that a device made itself with the paper's Algorithm 1 (`embedded/`). Pure."""
 
 from math import degrees, radians
 
@@ -23,10 +23,13 @@ _SIGMAS = 5.0
 
 
 def judged(own: DeviceCalibration, boot: int, seen: tuple[Floats, Floats] | None, noise_std: Floats) -> Result:
-    """Put a verdict on a device's own calibration: ACCEPTED, or REFUSED when it is not plausible.
+    """Return a device's own calibration with a verdict: ACCEPTED, or REFUSED when it is not plausible.
 
-    boot: the device's present boot id. seen: bias (3,) that rests of this boot have shown and its standard deviation
-    (3,), both rad/s; None before a rest. noise_std (3,): white noise of a reading, rad/s.
+    own: scale factors, bias (rad/s) and boot of the device's calibration. boot: the device's present boot id.
+    seen: bias (3,) measured in rests of this boot, and its standard deviation (3,), both rad/s; None before a rest.
+    noise_std (3,): white noise of a reading, rad/s.
+
+    Checked are the boot, the range of scale factors and bias, and the difference from the bias in `seen`.
     """
     scale, bias = np.array(own.scale), np.array(own.bias)
     reason = _refused(own, boot, seen)

@@ -1,4 +1,4 @@
-"""Prior knowledge of a booting device: stored calibration, bias and temperature law, and how far they still hold."""
+"""Prior knowledge of a device at boot: stored calibration and bias, and how far they still hold."""
 
 from dataclasses import dataclass, replace
 
@@ -15,7 +15,11 @@ CACHE_S = 60.0
 
 @dataclass(frozen=True, slots=True)
 class PriorKnowledge:
-    """Stored calibration of a device, and the bias last stored in this boot."""
+    """Stored calibration of a device, and the bias last stored in the present boot.
+
+    bias: bias state in rad/s, or None. age_s: seconds since the bias was stored, by the host's clock.
+    doubted: whether the bias was in doubt then. asked: the person who had requested a recalibration, and the reason.
+    """
 
     calibration: Calibration | None
     bias: BiasState | None
@@ -26,21 +30,25 @@ class PriorKnowledge:
     asked: tuple[str, str] | None = None
 
     def under(self, calibration: Calibration) -> "PriorKnowledge":
-        """Return the same knowledge with another calibration; drop a bias that was doubted under the old one."""
+        """Return a copy with another calibration; a bias that was in doubt is dropped."""
         bias = None if self.doubted else self.bias
         return replace(self, calibration=calibration, bias=bias, doubted=False)
 
     def bias_at(self, now: float, doubt_std: float) -> BiasState | None:
-        """Stored bias for use at device time `now`, s; None without one.
+        """Return the stored bias for use at device time `now`, s; None if none is stored.
 
-        When its age is unknown, its standard deviation grows by doubt_std, rad/s, so that a rest must confirm it.
+        If the age of the bias is unknown, `doubt_std` (rad/s) is added to its standard deviation in squares. A rest
+        must then confirm it.
         """
         if self.bias is None:
             return None
         return wider(replace(self.bias, time=now), doubt_std) if self.lost_count(now) else self.bias
 
     def lost_count(self, now: float) -> bool:
-        """Return whether the device clock missed time, so that the age of the stored bias at `now`, s, is unknown."""
+        """Return whether the device clock missed time, so that the age of the stored bias is unknown.
+
+        now: present device time, s.
+        """
         if self.bias is None:
             return False
         passed = now - self.bias.time
@@ -50,9 +58,10 @@ class PriorKnowledge:
 def calibrated_bias(
     calibration: Calibration, now: float, powered: float, knobs: BiasKnobs, law: TemperatureLaw | None = None
 ) -> BiasState:
-    """Bias state from a calibration at device time `now`, for a device powered up at `powered`, both s.
+    """Compute the bias state that follows from a calibration, at device time `now`.
 
-    law: temperature law that gives the slope; without one the slope is zero with a prior variance.
+    now: device time, s. powered: device time of power-up, s. knobs: settings of the bias filter.
+    law: temperature law that gives the slope of the bias; without a law the slope is zero with its prior variance.
     """
     bias, cov = calibration.bias, calibration.covariance[:3, :3]
     begun = start(bias, cov, now, knobs, temperature_c=calibration.temperature_c, powered=powered)
@@ -64,7 +73,10 @@ def calibrated_bias(
 
 
 def wider(state: BiasState, doubt_std: float) -> BiasState:
-    """The state with doubt_std, rad/s, added to the standard deviation of its bias (in squares)."""
+    """Return the bias state with a larger uncertainty.
+
+    The variance of each axis grows by the square of `doubt_std`, rad/s.
+    """
     P = state.P.copy()
     P[BIAS, BIAS] += doubt_std**2 * np.eye(3)
     return replace(state, P=P)

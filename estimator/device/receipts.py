@@ -1,4 +1,4 @@
-"""Receipts of the bias filter as messages: every number within the wire's range."""
+"""Conversion of the bias filter's receipts into wire messages, every number within the wire's range."""
 
 import numpy as np
 
@@ -9,9 +9,11 @@ from estimator.tracking.evidence import Receipt
 
 
 def receipt_message(receipt: Receipt, time_ns: int) -> messages.Receipt:
-    """Convert a filter receipt to a wire message. time_ns: host time of the measurement, ns since the Unix epoch.
+    """Convert a receipt of the bias filter into a wire message.
 
-    Values that are not finite become the worst of their range, an innovation that is no number becomes 0.
+    time_ns: host time of the measurement, ns since the Unix epoch. Innovation and its standard deviation are in rad/s.
+    A standard deviation, NIS or test ratio that is not finite becomes the largest of its range. An innovation of NaN
+    becomes 0.
     """
     innovation = np.nan_to_num(receipt.innovation).clip(-MAX_RATE, MAX_RATE)
     std = np.nan_to_num(np.sqrt(receipt.innovation_cov.diagonal()), nan=MAX_STD).clip(0.0, MAX_STD)

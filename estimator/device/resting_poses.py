@@ -1,4 +1,4 @@
-"""Poses in which a device rested, gathered from its seconds; they calibrate the accelerometer."""
+"""Poses in which a device rested, collected second by second; they calibrate the accelerometer."""
 
 from math import cos, radians
 
@@ -19,10 +19,11 @@ _CREEP = 0.1
 
 
 class PosesState(StateStruct):
-    """Saved state: poses (n, 5), and the rest in progress.
+    """Saved state of RestingPoses: known poses (m, 5) and the rest in progress (6,).
 
-    poses: length of the rest, s, variance of its mean reading, m²/s⁴, and this mean (3,), m/s². rest (6,): length, s,
-    number of samples, their summed variance, and their sum (3,).
+    poses, each row: length of the rest, s; variance of its mean reading, (m/s²)²; mean reading (3), m/s².
+    rest: length, s; number of samples; sum of their variances, (m/s²)²; sum of their readings (3), m/s².
+    Accelerometer readings are in the sensor frame.
     """
 
     poses: Floats
@@ -30,7 +31,10 @@ class PosesState(StateStruct):
 
 
 class RestingPoses:
-    """Longest rest of a boot in each pose, gathered second by second, and the accelerometer calibration by them."""
+    """Longest rest of a boot in each pose, and the accelerometer calibration computed from these rests.
+
+    `found`: the calibration, accepted or not; None before the first rest.
+    """
 
     def __init__(self) -> None:
         self._poses, self._rest = np.empty((0, 5)), [0.0] * 6
@@ -39,11 +43,14 @@ class RestingPoses:
 
     @property
     def state(self) -> PosesState:
-        """State to save for `restore`."""
+        """Poses and the rest in progress, as state to save for `restore`."""
         return PosesState(self._poses, np.array(self._rest))
 
     def restore(self, state: PosesState) -> None:
-        """Restore a saved state, and calibrate by its poses. Raises ValueError for a damaged one."""
+        """Restore a saved state, and compute the calibration from its poses.
+
+        Raises ValueError if the state is damaged.
+        """
         shaped(state.poses, -1, 5, finite=True)
         shaped(state.rest, 6, finite=True)
         if state.rest[0] and not state.rest[1] > 0:
@@ -52,7 +59,10 @@ class RestingPoses:
         self._calibrate()
 
     def take(self, second: Second) -> None:
-        """Add the next second: a still one with an accelerometer lengthens the rest in progress, any other ends it."""
+        """Process the next second of samples. A still second with accelerometer data extends the rest in progress.
+
+        Any other second ends the rest.
+        """
         if second.accel_mean is None or second.accel_std is None or second.flaw or not second.still:
             self.end_rest()
             return
@@ -67,9 +77,9 @@ class RestingPoses:
         self._rest = [total + one for total, one in zip(self._rest, more, strict=True)]
 
     def end_rest(self) -> None:
-        """End the rest in progress, if any, and calibrate again if it adds a pose or is the longest in its pose.
+        """End the rest in progress, if any; recalibrate if it is a new pose or the longest rest in its pose.
 
-        A pose stays at least 30° from all others, so their number is bounded.
+        Poses lie at least 30° apart, so their number is bounded.
         """
         if not self._rest[0]:
             return

@@ -1,4 +1,4 @@
-"""Restore key: hardware, firmware, range and rate under which a calibration holds; and the reasons why it does not."""
+"""Restore key: hardware, firmware, range and rate under which a stored calibration applies to a device."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -9,14 +9,15 @@ from estimator.device.same_rate import same_rate
 
 
 def restore_key(of: Calibration | DeviceInfo) -> dict[str, str | float]:
-    """Restore key of a calibration or device: model, firmware, gyro range in rad/s, output data rate in Hz."""
+    """Return the restore key of a calibration or device: model, firmware, gyro_range in rad/s, rate_hz."""
     return {"model": of.model, "firmware": of.firmware, "gyro_range": of.gyro_range, "rate_hz": of.rate_hz}
 
 
 def differing(then: Mapping[str, Any], info: DeviceInfo) -> dict[str, str | float]:
-    """Entries of a stored restore key `then` that differ from the device's, with the device's present values.
+    """Return the entries of a stored restore key that differ from the device's, with the device's present values.
 
-    The rate counts only for a device without a clock, whose scale depends on it; a device with a clock may change rate.
+    then: the stored key. The output data rate counts only for a device without a clock, because only then does the
+    scale depend on it.
     """
     now = restore_key(info)
     if info.has_clock or same_rate(then["rate_hz"], info.rate_hz):
@@ -25,9 +26,9 @@ def differing(then: Mapping[str, Any], info: DeviceInfo) -> dict[str, str | floa
 
 
 def changed(calibration: Calibration, info: DeviceInfo, *, within_boot: bool = False) -> Sentences:
-    """Reasons why a calibration does not hold for the device as it is now; empty when it holds.
+    """Return the reasons why a calibration does not apply to the device as it is now; empty when it applies.
 
-    within_boot: values unknown then or now do not count as changed.
+    within_boot: values unknown in the calibration or in `info` do not count as changed.
     """
     then = restore_key(calibration)
     other = differing(then, info)

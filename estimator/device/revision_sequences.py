@@ -1,4 +1,4 @@
-"""Sequence numbers at the ends of the tracker's seconds, for revisions of past biases."""
+"""Sequence numbers and times of the latest tracked seconds, from which revisions of past biases are built."""
 
 from collections import deque
 
@@ -14,18 +14,25 @@ REVISED_S = 2000
 
 
 class RevisionSequences:
-    """Latest tracked seconds of one boot: device time, s, sequence number and host time, ns, of each last sample."""
+    """Latest tracked seconds of one boot, at most REVISED_S of them.
+
+    Of the last sample of each second it keeps the device time (s), sequence number, and host time (ns since the Unix
+    epoch).
+    """
 
     def __init__(self) -> None:
         self._seconds: deque[tuple[float, int, int]] = deque(maxlen=REVISED_S)
 
     def note(self, end: float, sequence: int, time_ns: int) -> None:
-        """Note the last sample of a tracked second: device time, s, sequence number, and host time, ns since 1970."""
+        """Record the last sample of a tracked second.
+
+        end: device time, s. sequence: sequence number. time_ns: host time, ns since the Unix epoch.
+        """
         self._seconds.append((end, sequence, time_ns))
 
     @property
     def reached(self) -> tuple[int, int] | None:
-        """Sequence number and host time, ns, of the last tracked sample; None before the first."""
+        """Sequence number and host time, ns since the Unix epoch, of the last tracked sample; None before the first."""
         return self._seconds[-1][1:] if self._seconds else None
 
     def revision(
@@ -37,10 +44,12 @@ class RevisionSequences:
         gap_s: float,
         smoothed: Smoothed,
     ) -> BiasRevision | None:
-        """Build the revision of the bias during a gap, from the smoothed seconds whose samples are still known.
+        """Build the message that revises the bias during a gap in the evidence, from smoothed biases.
 
-        of: device and boot. time_ns: host time, ns, of the sample with which the revision became known. matrix (3, 3):
-        of the model. gap_s: length of the gap. Returns None when no second is known.
+        of: device id and boot id. time_ns: host time, ns since the Unix epoch, at which the revision became known.
+        calibration, matrix (3, 3): id and matrix of the gyro model in use. gap_s: length of the gap, s.
+        smoothed: biases in rad/s by device time. Seconds that are too old to be in this record are left out.
+        Returns None if no second is left.
         """
         known = {time: (sequence, time_ns) for time, sequence, time_ns in self._seconds}
         kept = [i for i, time in enumerate(smoothed.time) if time in known]

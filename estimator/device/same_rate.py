@@ -1,4 +1,4 @@
-"""Tolerance within which two output data rates count as the same, for stores and files alike."""
+"""Tolerance within which two output data rates count as equal, for stores and files alike."""
 
 #: relative. Rates are declared, or estimated anew in every boot: oscillators err by up to 1 %, a median of steps by less.
 #: No device has two rates so close. The scale of another boot is doubted by as much (gyro_model.PriorKnobs).
@@ -6,6 +6,9 @@ SAME_RATE = 0.02
 
 
 def same_rate(one_hz: float, other_hz: float) -> bool:
-    """Return whether two output data rates in Hz agree within SAME_RATE; an unknown rate, 0, equals no known one."""
+    """Return whether two output data rates in Hz agree within the tolerance SAME_RATE.
+
+    A rate of 0 means unknown and equals no known rate.
+    """
     low_hz, high_hz = sorted((one_hz, other_hz))
     return high_hz - low_hz <= SAME_RATE * low_hz

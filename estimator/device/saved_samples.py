@@ -1,4 +1,4 @@
-"""Samples of a boot as saved state, by column."""
+"""Serialisable form of a boot's samples, stored by column."""
 
 import numpy as np
 
@@ -7,10 +7,11 @@ from estimator.state import StateStruct, shaped
 
 
 class SavedSamples(StateStruct):
-    """Samples still needed, by column, numbered from `first` on; whole numbers are stored as differences.
+    """Samples that the estimation still needs, by column, numbered from `first` on.
 
-    time: bit patterns of device times in s, as integers. rows (n, 8): the other columns of
-    estimator/samples/sample_buffer.py.
+    time: bit patterns of device times in s, as integers. sequence: sequence numbers. host_ns: host times, ns since the
+    Unix epoch. Time, sequence and host_ns are stored as differences between samples.
+    rows (n, 8): the other columns of estimator/samples/sample_buffer.py.
     """
 
     first: int
@@ -21,14 +22,14 @@ class SavedSamples(StateStruct):
 
     @classmethod
     def of(cls, buffer: SampleBuffer, end: int) -> "SavedSamples":
-        """Collect the samples of a buffer that are numbered below `end`."""
+        """Copy the samples of a buffer that are numbered below `end` into columns."""
         rows, places = buffer.rows(buffer.begin, end), buffer.places(buffer.begin, end)
         time = np.ascontiguousarray(rows[:, TIME]).view(np.int64)
         columns = (np.diff(column, prepend=0).tolist() for column in (places[:, SEQUENCE], places[:, HOST_NS]))
         return cls(buffer.begin, np.diff(time, prepend=0).tolist(), np.delete(rows, TIME, axis=1), *columns)
 
     def buffer(self) -> SampleBuffer:
-        """Rebuild the sample buffer. Raises ValueError when the columns do not fit together."""
+        """Rebuild the sample buffer. Raises ValueError if the columns differ in length or shape."""
         n = len(self.time)
         shaped(self.rows, n, WIDTH - 1)
         if not n == len(self.sequence) == len(self.host_ns):

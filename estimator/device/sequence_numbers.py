@@ -9,10 +9,11 @@ _REMEMBERED_BOOTS = 64
 
 
 class SequenceNumbers:
-    """Sequence numbers and boots of one device.
+    """Sequence numbers and boots of one device, with counters of its samples.
 
-    `dropped` counts refused samples by reason; `events` counts gaps and the samples missing in them. `samples_in` counts
-    all samples that came, `samples_out` those accepted.
+    `samples_in`, `samples_out`: numbers of samples received and accepted. `dropped`: refused samples by reason.
+    `events`: number of gaps, and of the samples missing in them. `next`: number of the next sample, None before the
+    first.
     """
 
     def __init__(self) -> None:
@@ -27,7 +28,10 @@ class SequenceNumbers:
         self.first = 0
 
     def is_new_boot(self, boot: int) -> bool:
-        """Return whether samples with this boot id mean that the device has restarted."""
+        """Return whether a boot id is unknown, which means that the device has restarted.
+
+        Known are the present boot id and the earlier ids of the device.
+        """
         if boot == self.boot or boot in self._past:
             return False
         before = None if self._before is None else self._before()
@@ -36,7 +40,7 @@ class SequenceNumbers:
         return boot not in self._past
 
     def begin(self, boot: int) -> None:
-        """Begin a new boot by its id, or resume an earlier one; later samples of the previous boot count as old."""
+        """Begin a new boot by its id, or return to an earlier one; later samples of the previous boot count as old."""
         if self.boot is not None:
             self._past[self.boot] = self.next or 0
         self._past.pop(boot, None)
@@ -46,39 +50,39 @@ class SequenceNumbers:
         self.next = None
 
     def resume(self, boot: int, first: int, next_: int) -> None:
-        """Continue a boot whose first received sample had number `first`, from number `next_` on."""
+        """Continue boot `boot` at sample number `next_`; `first` is the number of its first received sample."""
         self.begin(boot)
         self.first, self.next = first, next_
 
     def recall(self, boots: Callable[[], Iterable[int] | None]) -> None:
-        """Provide boot ids from before this estimator knew the device, latest last; their samples count as old.
+        """Set a lookup for boot ids from before this estimator knew the device; their samples count as old.
 
-        `boots` is called when an unknown boot appears, until it returns the ids instead of None. So a takeover of many
-        devices need not load all boots first.
+        boots: returns the ids, latest last, or None while they are not available. The lookup is called when an unknown
+        boot appears, until it returns ids. So a takeover of many devices need not load all boots first.
         """
         self._before = boots
 
     def follows(self, batch: Samples) -> bool:
-        """Return whether a batch reaches beyond the last number of its boot, the present one or an earlier one."""
+        """Return whether a batch has samples beyond the last known sequence number of its boot, present or earlier."""
         came_to = self.next if batch.boot == self.boot else self._past.get(batch.boot)
         return came_to is None or batch.sequence + batch.n > came_to
 
     def jump(self, batch: Samples) -> None:
-        """Continue at the batch's sequence number after a leap; the skipped numbers do not count as missing samples."""
+        """Continue at the batch's sequence number after a leap; skipped numbers do not count as missing samples."""
         if self.next is not None and batch.sequence > self.next:
             self.first += batch.sequence - self.next
             self.next = batch.sequence
         self.events.add("stream jumped")
 
     def refuse(self, batch: Samples, reason: str) -> None:
-        """Count all samples of a batch as received and dropped, for a reason."""
+        """Count all samples of a batch as received and as dropped for the given reason."""
         self.samples_in += batch.n
         self.dropped.add(reason, batch.n)
 
     def anew(self, came: int, out: int) -> "SequenceNumbers":
-        """Counters for a new session after a failed one: the same counts and past boots, no current boot.
+        """Return counters for a new session after a failed one: same counts and past boots, no current boot.
 
-        came, out: numbers of samples that arrived and were published. The failed session has lost the difference.
+        came, out: numbers of samples received and published. The difference counts as dropped by the failed session.
         """
         fresh = SequenceNumbers()
         fresh.samples_in, fresh.samples_out = came, out
@@ -90,7 +94,8 @@ class SequenceNumbers:
     def fresh(self, batch: Samples) -> int:
         """Count a batch as received; return the number of its leading samples to skip.
 
-        These are duplicates, or all samples where the batch is of another boot than the present one.
+        Samples to skip are duplicates. If the batch belongs to another boot than the present one, all its samples are
+        skipped.
         """
         n = batch.n
         self.samples_in += n
@@ -115,5 +120,5 @@ class SequenceNumbers:
 
     @property
     def seen(self) -> int:
-        """Number of samples the device has made in this boot since the first one received, missing ones included."""
+        """Number of samples made in this boot since the first received one, missing samples included."""
         return 0 if self.next is None else self.next - self.first

@@ -1,6 +1,6 @@
-"""Session of one device: raw samples in; corrected rates, calibrations and a status out.
+"""Session of one device: takes raw samples; gives corrected rates, calibrations and a status.
 
-A pure core without clock, bus or store. Time is device time, from the samples; knowledge of earlier boots is passed in.
+Pure: no clock, bus or store. Time is device time, from the samples; knowledge of earlier boots is passed in.
 """
 
 from collections.abc import Iterable
@@ -48,14 +48,15 @@ OWN_REFUSED = "own calibration refused"
 
 
 class SessionState(StateStruct):
-    """Saved state of a device session, up to sample number `next`, the first that no estimate has used.
+    """Saved state of a device session, up to sample number `next`, the first sample that no estimate has used.
 
-    begun_s: device time of sample `next`, None when unknown. length_s: length of its block. latest_s: device time of
-    the sample before it. clock: see `Blocks`.
-    applied: correction of the block of `next`; ready: of the block after it, unless a later estimate replaces it.
-    life: lifecycle state, the state before the device went away, and the reasons of both.
-    attitude: state of the orientation, of the samples corrected so far, and what its heading counts from; None without
-    one.
+    first: number of the boot's first sample. last_heard_ns: host time of the last receipt, ns since the Unix epoch.
+    begun_s: device time of sample `next`, s; None when unknown. length_s: length of its block, s.
+    latest_s: device time of the sample before it, s. clock: see `Blocks`.
+    applied: correction of the block with sample `next`. ready: correction of the next block, unless a later estimate
+    replaces it.
+    life: names of the lifecycle state and of the state before the device went away, and the reasons of both.
+    attitude: orientation state after all samples corrected so far, and what set its heading to zero; None without one.
     """
 
     version: int
@@ -76,9 +77,9 @@ class SessionState(StateStruct):
 
 
 class DeviceSession(CorrectedStream):
-    """Processing of one device across its boots: raw samples in; corrected rates, calibrations and a status out.
+    """Session of one device across its boots: takes raw samples; gives corrected rates, calibrations and a status.
 
-    See CorrectedStream for its arguments.
+    See CorrectedStream for the arguments.
     """
 
     # ---- boots ----------------------------------------------------------------------------------------------------
@@ -91,11 +92,13 @@ class DeviceSession(CorrectedStream):
         law: TemperatureLaw | None = None,
         temperature_c: float | None = None,
     ) -> Outcome:
-        """Begin a boot: drop the calibration of the previous one, then restore the stored knowledge of this one.
+        """Begin a boot: drop the calibration of the previous boot, then restore the stored knowledge of this one.
 
-        boot: its id. device_time: s, begin of the boot. remembered: stored calibration and bias, or None. law:
-        temperature law from earlier boots, or None. temperature_c: the device's temperature now, °C. Returns the
-        outcome, which includes the end of the previous boot.
+        boot: its id. device_time: device time of the boot's start, s. temperature_c: the device's temperature now, °C,
+        or None.
+        remembered: stored calibration and bias, or None. law: temperature law (bias against temperature) from earlier
+        boots, or None.
+        Returns the outcome, which includes the last block of the previous boot.
         """
         outcome = self.learn()  # the last block of the previous boot
         first, again = self.boot is None, boot == self.boot and self.sequence.next is None
@@ -129,9 +132,9 @@ class DeviceSession(CorrectedStream):
         outcome.said.append(english(lost))
 
     def start_over(self, why: Sentences) -> Outcome:
-        """Discard the calibration and bias because the device has changed; its sample stream continues.
+        """Discard calibration and bias because the device has changed; its sample stream continues.
 
-        why: reason text, part of the status until the next calibration.
+        why: reason, part of the status until the next calibration.
         """
         blocks = self._blocks.anew()
         self._begin(blocks.latest)
@@ -147,32 +150,36 @@ class DeviceSession(CorrectedStream):
         self._apply()
 
     def believe(self, calibration: Calibration) -> None:
-        """Use the scale factors of an earlier boot's calibration until this boot is calibrated.
+        """Use the scale factors of an earlier boot's calibration as a prior until this boot is calibrated.
 
-        No effect afterwards.
+        Does nothing if this boot is calibrated already.
         """
         if self.calibration is None:
             self.learnt.believe(calibration)
             self._apply()
 
     def moves(self, moves: float) -> None:
-        """Set how far the scale factors change from boot to boot (relative std), computed from earlier boots."""
+        """Set how much the scale factors change from boot to boot, computed from earlier boots.
+
+        moves: relative standard deviation, without unit.
+        """
         if self.learnt.moves(moves):
             self._apply()
 
     def adopt(self, remembered: PriorKnowledge, calibration: Calibration) -> None:
         """Adopt a calibration that another estimator made in this same boot; a calibration in progress ends.
 
-        remembered: the bias that belongs to it.
+        remembered: the stored bias that belongs to the calibration.
         """
         self._restore(remembered, calibration, self.tracker.thermometer.reading)
         self.learnt.scratch = ()
 
     def offered(self, own: DeviceCalibration, now_ns: int) -> Outcome:
-        """Judge a calibration that the device made itself, and use it if it is plausible.
+        """Check a calibration that the device made itself, and use it if it is plausible.
 
-        A device's own calibration never replaces one that this estimator made in this boot, and waits while turns are
-        in progress. now_ns: host time, ns. The outcome is empty where the calibration is not judged.
+        The device's calibration never replaces one that this estimator made in this boot, and waits while turns are in
+        progress.
+        now_ns: host time, ns since the Unix epoch. The outcome is empty if the calibration is not checked.
         """
         learnt, known = self.learnt, self.calibration
         if own == self._offered or self.life.away or learnt.turned or learnt.asked:
@@ -192,9 +199,9 @@ class DeviceSession(CorrectedStream):
     # ---- saving and restoring -------------------------------------------------------------------------------------
 
     def state(self) -> bytes | None:
-        """Serialise the session for `restored`; None before the first sample of a boot.
+        """Serialise the session to bytes for `restored`; None before the first sample of a boot.
 
-        Fed with the samples from `sequence.next` on, the restored session continues bit for bit. The turns of a
+        The restored session needs the samples from `sequence.next` on, and then continues bit for bit. The turns of a
         calibration in progress are not saved.
         """
         buffer, next_ = self._blocks.buffer, self.sequence.next
@@ -239,9 +246,9 @@ class DeviceSession(CorrectedStream):
     ) -> "DeviceSession":
         """Restore a session from the bytes of `state`, with the calibration that belongs to them.
 
-        Feed the session from sample number `sequence.next` on, even where samples have been corrected before. The turns
-        of a calibration in progress must be repeated; the status says so.
-        Raises ValueError when the state is damaged, or of another device, version or calibration.
+        Pass the restored session all samples from number `sequence.next` on, even samples corrected before. The turns
+        of a calibration in progress must be repeated, which the status says.
+        Raises ValueError if the state is damaged, or belongs to another device, version or calibration.
         """
         saved = decode(state, SessionState)
         if (saved.version, saved.device) != (VERSION, device):
@@ -272,9 +279,9 @@ class DeviceSession(CorrectedStream):
     # ---- requests and silence -------------------------------------------------------------------------------------
 
     def recalibrate(self, who: str, reason: str) -> Sentence | None:
-        """Request three new turns for person `who`; the present calibration stays in use until then.
+        """Request a recalibration (three new turns) for person `who`; the present calibration stays in use until then.
 
-        Returns None, or why the request is refused. reason: the person's own words, may be empty.
+        reason: the person's own words, may be empty. Returns None, or a sentence that says why the request is refused.
         """
         if not self.life.on(Event.RECALIBRATE):
             code = Code.ALREADY_DUE if self.life.state is State.WARMING else Code.NOT_HEARD
@@ -285,9 +292,9 @@ class DeviceSession(CorrectedStream):
         return None
 
     def cancel(self, who: str) -> Sentence | None:
-        """Cancel a calibration in progress for person `who`; the old one stays in use.
+        """Cancel the calibration in progress for person `who`; an older calibration stays in use.
 
-        Returns None, or why the request is refused.
+        Returns None, or a sentence that says why the request is refused.
         """
         event = Event.CANCEL_TO_START if self.calibration is None else Event.CANCEL_TO_TRACKING
         if not self.life.on(event):
@@ -298,16 +305,19 @@ class DeviceSession(CorrectedStream):
         return None
 
     def zero_heading(self, who: str) -> Sentence | None:
-        """Make the device's present heading zero for person `who`. Returns None, or why the request is refused."""
+        """Set the device's present heading to zero for person `who`.
+
+        Returns None, or a sentence that says why the request is refused.
+        """
         if self.attitude is None or not self.attitude.begun:
             return Code.NO_ORIENTATION(device=self.device)
         self.attitude.reset_heading(who)
         return None
 
     def silence(self, reason: Sentences, event: Event = Event.SILENT) -> bool:
-        """Mark the device as away, by an event and its reason text.
+        """Mark the device as away, by an event of the lifecycle and its reason; return whether the state changed.
 
-        False if it was away already; the reason may be updated then.
+        False if the device was away already; the reason may be updated then.
         """
         if not self.life.on(event, reason):
             unknown = (Event.OUTDATED, Event.UNREACHABLE) if self.life.state is State.UNKNOWN else ()
@@ -332,12 +342,12 @@ class DeviceSession(CorrectedStream):
         placement: Placement | None = None,
         alerts: tuple[Alert, ...] = (),
     ) -> Status:
-        """Status message of the device for the bus: state, reason, quality, estimates, counters and new receipts.
+        """Build the status message of the device: state, reason, quality, estimates, counters and new receipts.
 
-        time_ns: time of the status, ns since the Unix epoch. silent_s: seconds since the last sample. more: events
-        counted outside the session.
-        bridge, refused_bridges: the bridge listened to, and others that send the device. epoch: number of this
-        estimator's ownership; higher is later. Each receipt appears in one status only.
+        time_ns: time of the status, ns since the Unix epoch. silent_s: seconds since the last sample.
+        bridge: id of the bridge whose samples are used. refused_bridges: others that send the device.
+        epoch: number of this estimator's ownership; rises with each takeover. more: events counted outside the session.
+        Each receipt appears in one status only.
         """
         known, learnt = self._ready, self.learnt
         seldom = self._too_seldom() if self.life.state is State.AWAITING_STILL else ()
@@ -380,9 +390,9 @@ class DeviceSession(CorrectedStream):
         )
 
     def checkpoint(self) -> BiasState | None:
-        """Bias state to store for a restart.
+        """Return the bias state to store for a restart.
 
-        None without samples, or while the boot is uncalibrated and its bias is not sure.
+        None without samples, or while the boot is uncalibrated and its bias uncertain.
         """
         return None if self.sequence.next is None else self.learnt.bias()
 

@@ -1,4 +1,4 @@
-"""Settings of a device session."""
+"""Settings of a device session: method, limits, and settings of its parts."""
 
 from dataclasses import dataclass, field
 from math import inf
@@ -11,7 +11,14 @@ from estimator.tracking.track_knobs import TrackKnobs
 
 @dataclass(frozen=True, slots=True)
 class SessionKnobs:
-    """Settings of a device session; times in device seconds."""
+    """Settings of a device session; times in seconds of device time.
+
+    method: calibration method. warming_s: time after power-up before any reading is used, s.
+    gyro_range: full-scale range, rad/s; infinite when unknown. horizontal_turns: accept only turns about a horizontal
+    axis, if there is an accelerometer.
+    scale_limit: largest relative deviation of a scale factor that is accepted. prior, wander, track: settings of the
+    prior, of bias wander during calibration, and of the bias tracker.
+    """
 
     method: str = DEFAULT
     #: s after power-up before any reading is used

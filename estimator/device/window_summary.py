@@ -1,6 +1,6 @@
-"""Summaries of samples over windows of 0.1 s device time, for views of many devices. Pure.
+"""Window summaries: statistics of samples over 0.1 s of device time, for views of many devices. Pure.
 
-The mean over a window is a moving average: it keeps fast motion from showing as slow motion (aliasing).
+The mean over a window is a moving average, which keeps fast motion from appearing as slow motion (aliasing).
 """
 
 from collections.abc import Sequence
@@ -24,9 +24,10 @@ _WINDOWS = round(BLOCK_S * WINDOWS_HZ)
 
 
 class Second(NamedTuple):
-    """Samples of a finished block (about a second) and the correction applied to them.
+    """Samples of a finished block (about one second) of a device, and the correction applied to them.
 
-    rows (n, 9) and places (n, 3): columns of estimator/samples/sample_buffer.py.
+    rows (n, 9): device time (s), gyro (3, rad/s), accel (3, m/s²), clipped (0 or 1), temperature (°C).
+    places (n, 3): sequence number, host time (ns since the Unix epoch), flags.
     """
 
     device: str
@@ -37,9 +38,10 @@ class Second(NamedTuple):
 
 
 def windows(seconds: Sequence[Second]) -> list[WindowBatch]:
-    """Summarise blocks of samples over windows of 0.1 s: one message for each block, of one device or many.
+    """Compute window summaries of blocks of samples over 0.1 s of device time; one message for each block.
 
-    Each window has mean, standard deviation, least and most of the readings and of the corrected rates, rad/s.
+    Each window has the mean, standard deviation, minimum and maximum of readings and of corrected rates, all rad/s by
+    axis. The blocks may be of one device or of many.
     """
     lengths = np.array([len(second.rows) for second in seconds])
     of_second = np.repeat(np.arange(len(seconds)), lengths)

@@ -1,4 +1,4 @@
-"""Calibration estimated from gravity while the device was worn: its matrix, bias and covariance. Pure."""
+"""Worn calibration: matrix, bias and covariance estimated from gravity while the device is worn. Pure."""
 
 from dataclasses import replace
 
@@ -19,11 +19,10 @@ _SCALE = slice(3, 6)
 
 
 def learnt(tracker: Tracker, noise_std: Floats, turns: tuple[Turn, ...] = ()) -> Result:
-    """Return the tracker's bias, and its matrix estimated from gravity, as a calibration result.
+    """Convert the tracker's bias (rad/s), and its matrix estimated from gravity, into a calibration result.
 
+    noise_std (3,): white noise of a reading, rad/s. turns: those of a calibration by hand that this one continues.
     `tracker.taught` must not be None.
-
-    noise_std (3,) rad/s: of a reading. turns: of a calibration by hand that it continues.
     """
     state, before = tracker.state, tracker.matrix
     change = state.x[MATRIX].reshape(3, 3)
@@ -47,10 +46,12 @@ def learnt(tracker: Tracker, noise_std: Floats, turns: tuple[Turn, ...] = ()) ->
 
 
 def combined(by_hand: Result, worn: Calibration) -> Result:
-    """Combine a calibration by hand with a worn one of the same boot; the one by hand alone where the two disagree.
+    """Combine a calibration by hand with a worn calibration of the same boot, by a Kalman update of the matrix.
 
-    The result has the bias by hand. Its matrix is the worn one, updated by the scale factors by hand, weighted by
-    uncertainty. If the method by hand determined the whole matrix, its result is returned unchanged.
+    The worn matrix is the prior, the three scale factors by hand are the measurement, both weighted by covariance. The
+    bias is the one by hand.
+    The calibration by hand is returned unchanged if the two disagree (NIS beyond the gate), or if it determined the
+    whole matrix.
     """
     if len(by_hand.parameters) > 6 or len(worn.parameters) != len(MATRIX_PARAMETERS):
         return by_hand

@@ -1,4 +1,4 @@
-"""Step-by-step instructions for a person who calibrates a device by hand. Pure: follows the stream and needs no click.
+"""Step-by-step instructions for a person who calibrates a device by hand. Pure.
 
-Begin at `guide`.
+The instructions follow the sensor readings, so the person need not click. Start reading at `guide`.
 """

@@ -1,4 +1,4 @@
-"""Compare a calibration with the one before it, to tell whether both are of the same device. Pure."""
+"""Comparison of a calibration with the previous one, to detect a confusion of devices. Pure."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -15,9 +15,10 @@ APART = 3.0
 
 @dataclass(frozen=True, slots=True)
 class AxisCompared:
-    """Scale factor and bias (rad/s) of one axis, with standard deviations, and the earlier calibration's scale factor.
+    """Scale factor and bias of one axis, and the scale factor of the earlier calibration.
 
-    Unknown values are NaN.
+    axis: 0, 1, 2. scale, before: scale factors now and before, without unit. bias: rad/s. scale_std, before_std,
+    bias_std: their standard deviations, in the same units. Unknown values are NaN.
     """
 
     axis: int
@@ -30,7 +31,7 @@ class AxisCompared:
 
     @property
     def apart(self) -> float:
-        """Difference of the two scale factors as a multiple of its standard deviation.
+        """Absolute difference of the two scale factors, in standard deviations of the difference.
 
         NaN without an earlier calibration.
         """
@@ -49,9 +50,9 @@ def last_before(calibration: Calibration, known: Iterable[Calibration]) -> Calib
 
 
 def compared(calibration: Calibration, before: Calibration | None) -> tuple[AxisCompared, ...]:
-    """Compare each axis with the earlier calibration `before`, or None.
+    """Compare the scale factor of each axis with the earlier calibration `before`, or None.
 
-    Only scale factors are compared, as the biases belong to different boots.
+    Biases are not compared, since they belong to different boots.
     """
     std = stds(calibration)
     then = {} if before is None else stds(before)
@@ -70,15 +71,15 @@ def compared(calibration: Calibration, before: Calibration | None) -> tuple[Axis
 
 
 def differing(axes: Iterable[AxisCompared]) -> tuple[int, ...]:
-    """Return the axes (0, 1, 2) whose scale factor has changed by more than APART standard deviations."""
+    """Return the axes (0, 1, 2) whose scale factor has changed by more than APART = 3 standard deviations."""
     return tuple(one.axis for one in axes if one.apart > APART)
 
 
 def bias_moves(calibration: Calibration, known: Iterable[Calibration]) -> tuple[int, ...]:
-    """Return the axes (0, 1, 2) whose bias has moved since the calibration before, of the same boot.
+    """Return the axes (0, 1, 2) whose bias has moved since the calibration before in the same boot.
 
-    The 95 % intervals of both biases then exclude each other.
-    Two methods measure the same bias, so it has moved in between, or one calibration is wrong.
+    known: calibrations of the device. An axis counts if the 95 % intervals of both biases do not overlap. Then the bias
+    has changed in between, or one calibration is wrong.
     """
     before = last_before(calibration, [c for c in known if c.boot == calibration.boot])
     if before is None or calibration.verdict is not Verdict.ACCEPTED:
@@ -92,5 +93,8 @@ def bias_moves(calibration: Calibration, known: Iterable[Calibration]) -> tuple[
 
 
 def stds(calibration: Calibration) -> dict[str, float]:
-    """Return the standard deviation of each parameter by its name: `bias_x` … in rad/s; `k_x`, `m_xy` … without unit."""
+    """Return the standard deviation of each parameter by name.
+
+    `bias_x` … are in rad/s; `k_x` and `m_xy` … have no unit.
+    """
     return dict(zip(calibration.parameters, np.sqrt(np.diag(calibration.covariance)).tolist(), strict=True))

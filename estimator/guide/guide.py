@@ -1,4 +1,4 @@
-"""Turn a device's status and readings into instructions for a person. Pure: messages in, Instruction out."""
+"""Guide for a calibration by hand: turns a device's status and readings into instructions for a person. Pure."""
 
 from dataclasses import replace
 from math import degrees, pi
@@ -77,9 +77,10 @@ SIDES = 6
 class Guide:
     """Guide of one device's calibration by hand: turns its status and readings into instructions for a person.
 
-    noise_guess: rad/s, white noise of one reading of the device, assumed until a rest has shown it, as in the estimator.
-    method: the calibration method. horizontal: each turn must be about a horizontal axis, so the device is stood on its
-    side for the turn about its upright axis.
+    method: the calibration method. noise_guess: standard deviation of the white noise of one reading, rad/s, assumed
+    until measured in a rest.
+    horizontal: accept only turns about a horizontal axis; then the device must stand on its side for the turn about its
+    upright axis.
     """
 
     def __init__(self, method: str = DEFAULT, noise_guess: float = NOISE_GUESS, *, horizontal: bool = False) -> None:
@@ -97,7 +98,7 @@ class Guide:
         self._tried: int | None = None
 
     def take_samples(self, batch: SampleBatch) -> None:
-        """Process the device's next batch of raw readings, to follow rests, turns and how the device lies."""
+        """Process the device's next batch of raw readings, to follow its rests, turns and attitude."""
         was_settled = self.hand.settled
         self.hand.take(batch)
         if was_settled and not self.hand.settled:
@@ -275,9 +276,9 @@ class Guide:
 
 
 def wrong_in(reason: Sentences) -> Sentences:
-    """Return the faults among a status's reasons, without the usual messages.
+    """Return the sentences of a status's reasons that name faults, without the usual messages.
 
-    The sentences after the list of turns still needed repeat an earlier verdict; a turn accepted since is no fault.
+    Sentences after the list of turns still needed repeat an earlier verdict. A turn accepted since then is not a fault.
     """
     codes = [one.code for one in reason]
     if Code.TURN_TAKEN in codes and Code.TURNS_NEEDED in codes:

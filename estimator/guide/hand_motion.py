@@ -1,4 +1,4 @@
-"""Track hand motion from a device's readings: how long it rests, how it lies, and how far it has turned about which axis."""
+"""Hand motion tracker: from a device's readings finds how long it rests, how it lies, and how far it has turned."""
 
 import numpy as np
 
@@ -17,9 +17,13 @@ _LAID = np.radians(135.0)
 
 
 class Hand:
-    """Motion of one device by hand, from its readings: rest, turns and attitude. A new boot number resets it.
+    """Motion of one device in a person's hands, from its readings: rest, turns and attitude.
 
-    Angles in rad, as read: no scale factor is applied. Axes are 0, 1, 2 in the device's frame.
+    noise_guess: standard deviation of the white noise of one reading, rad/s, until measured. A new boot id resets the
+    motion.
+    `turned` (3,): angle turned about each axis since the last rest, rad, without scale factor. `still_s`: seconds of
+    rest so far.
+    Axes are 0, 1, 2 (x, y, z) in the sensor frame.
     """
 
     def __init__(self, noise_guess: float = NOISE_GUESS) -> None:
@@ -51,7 +55,7 @@ class Hand:
         self._moved: Floats = np.eye(3)
 
     def take(self, batch: SampleBatch) -> None:
-        """Process the next batch of readings; repeated and non-finite samples are left out."""
+        """Process the next batch of readings; repeated and non-finite samples are ignored."""
         if batch.boot != self.boot:
             self._begin(batch.boot)
         time = batch.device_time
@@ -66,7 +70,7 @@ class Hand:
             self._window(window)
 
     def begin_rest(self) -> None:
-        """Reset the rest timer and the turned angles when a calibration begins: only rest from now on counts."""
+        """Reset the rest timer and the turned angles when a calibration begins; only rest from now on counts."""
         self._since, self.still_s, self.settled, self.turned, self._moved = None, 0.0, False, np.zeros(3), np.eye(3)
 
     @property
@@ -83,11 +87,14 @@ class Hand:
 
     @property
     def moved(self) -> bool:
-        """True if the device has turned by more than a nudge (30°) since the last rest."""
+        """True if the device has turned by more than 30° since the last rest."""
         return float(np.linalg.norm(self.turned)) > NUDGE
 
     def believe(self, along: int) -> None:
-        """Assume that this axis (0, 1, 2) lies along the table's edge: a person turned the device about it that way."""
+        """Set the axis (0, 1, 2) that lies along the table's edge, after a person turned the device about it that way.
+
+        Ignored if this axis stands upright.
+        """
         if along != self.top:
             self.edge = along
 

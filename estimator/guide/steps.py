@@ -1,4 +1,4 @@
-"""Instruction data for a person at one moment: step, picture, progress ring and faults."""
+"""Instruction data for a person at one moment: step, picture, progress and faults."""
 
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -8,14 +8,14 @@ from bridge.reasons.codes import Sentences
 
 @dataclass(frozen=True, slots=True)
 class Words:
-    """A sentence of the guide: the key of its text in each language, and the values to fill in."""
+    """Sentence of the guide: the key of its text in each language, and the values to fill in."""
 
     key: str
     values: dict[str, str] = field(default_factory=dict)
 
 
 class Step(StrEnum):
-    """Step of a calibration by hand."""
+    """Step of a calibration by hand, from a silent device (AWAY) to a finished calibration (DONE)."""
 
     AWAY = "away"  # the device sends nothing
     BROKEN = "broken"  # the router does not answer; the device is not at fault
@@ -33,9 +33,10 @@ class Step(StrEnum):
 
 
 class Picture(StrEnum):
-    """Picture to draw. Turns are named by the table: on its top (FLAT), along its edge, over its edge (ACROSS).
+    """Picture to show to a person: a device at rest, or how to turn it.
 
-    SIDE: stand the device on its side first.
+    Turns are named by the table: on its top (FLAT), along its edge (ALONG), over its edge (ACROSS). SIDE: stand the
+    device on its side first.
     """
 
     EDGE = "edge"
@@ -50,14 +51,16 @@ class Picture(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Instruction:
-    """Instruction to a person at one moment: the step, the picture to draw, the sentence, and the progress.
+    """Instruction to a person at one moment: the step, the picture, the sentence (`head`), and the progress.
 
-    ring: progress 0 to 1, of the rest (PLACE, SETTLE) or of the whole turn (TURNING). angle: rad turned about `axis`,
-    signed. axis: the axis of the present or the next turn. done, needed: axes, in the order that is easiest to turn.
-    wrong: why the last attempt does not count. laid: the device was only laid on another face, which is right too.
+    ring: progress 0 to 1, of the rest (PLACE, SETTLE) or of the whole turn (TURNING).
+    angle: angle turned about `axis`, rad, signed. axis: axis (0, 1, 2) of the present or the next turn.
+    done, needed: axes turned, and axes still to turn, the easiest first. wrong: why the last attempt does not count.
     rebooted: turns were lost because the device was switched off and on.
-    sides: for methods by movements, the sides the device has rested on: 2 axis, plus 1 where that axis points down.
-    None for methods by turns. ways: for each axis, the picture of how to turn the device about it.
+    laid: the device was only laid on another face, which is no fault.
+    sides: for methods by movements, sides on which the device has rested: 2 × axis, plus 1 if the axis points down.
+    None for methods by turns.
+    ways: for each axis, the picture of how to turn the device about it.
     """
 
     step: Step
@@ -76,5 +79,5 @@ class Instruction:
 
     @property
     def how(self) -> str:
-        """Key of the text that says how to do this step."""
+        """Key of the text that explains how to do this step."""
         return "laid" if self.laid else self.step.value

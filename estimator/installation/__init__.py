@@ -1,1 +1,4 @@
-"""Installs a ward on a machine, `truerate init`: ward file, certificates, people. Begin at `ward.install`."""
+"""Installation of a ward on a machine, `truerate init`: ward file, certificates, people.
+
+Start reading at `ward.install`.
+"""

@@ -1,4 +1,4 @@
-"""Certificates of an installation: an authority, and for each machine a folder with those of its own programs."""
+"""Certificates of an installation: an authority, and for each machine a folder with its programs' certificates."""
 
 from pathlib import Path
 
@@ -20,9 +20,9 @@ _PROGRAMS = (
 
 
 def certify(plan: Plan, files: OwnedFiles) -> None:
-    """Make the certificates that a ward lacks, renew those that expire soon, copy new ones to the machines' folders.
+    """Make missing certificates of a ward, renew those that expire soon, and copy new ones to the machines' folders.
 
-    Raises ValueError if a certificate names other hosts than the plan.
+    Raises ValueError if an existing certificate names other hosts than the plan.
     """
     authority, page = Folder(plan.authority), Member(Role.PAGE, plan.ward)
     bridges = [Member(Role.BRIDGE, name) for name in plan.bridges]

@@ -1,4 +1,4 @@
-"""Writes an installation's files with owner and mode, and says what it did; a dry run only says it."""
+"""Writer of an installation's files with owner and mode, which prints each action; a dry run only prints."""
 
 import os
 import pwd
@@ -14,10 +14,11 @@ _FOLDER, _SHARED, _SECRET = 0o750, 0o640, 0o600
 
 
 class OwnedFiles:
-    """Writes the files of an installation, with their owner and mode; `changed` lists those that had another content.
+    """Writer of an installation's files, with owner and mode.
 
-    Root gives them to the services' group, and keys and data to their user, if there is one.
-    say: prints what was done. dry: nothing is written.
+    say: prints what was done. dry: nothing is written. `changed`: files that existed with another content.
+    If root installs and the services' user exists, files belong to the services' group; keys and data belong to that
+    user.
     """
 
     def __init__(self, say: Callable[[str], None], *, dry: bool) -> None:
@@ -28,13 +29,16 @@ class OwnedFiles:
         self._services = there[0] if there else None
 
     def did(self, would: str, did: str, what: str) -> None:
-        """Print what was done, or in a dry run what would be done."""
+        """Print an action; in a dry run as an action that would be done.
+
+        would, did: the verb in both forms, such as `write` and `wrote`. what: the object, such as a path.
+        """
         self._say(f"{f'would {would}' if self.dry else did} {what}")
 
     def folder(self, path: Path, *, data: bool = False) -> None:
-        """Make a folder that others cannot read; one that exists stays. data: the services write to it.
+        """Make a folder that other users cannot read; an existing folder is left as it is.
 
-        Raises ValueError if every user may write to it.
+        data: whether the services write to it. Raises ValueError if every user may write to an existing one.
         """
         if path.is_dir():
             if path.stat().st_mode & stat.S_IWOTH:  # whoever may place links there chooses where keys are written
@@ -47,9 +51,9 @@ class OwnedFiles:
         self.did("make", "made", f"{path}/")
 
     def write(self, path: Path, text: str, *, secret: bool = False) -> None:
-        """Write a file, whole or not at all; the services may read it. secret: their user alone may.
+        """Write a file atomically, readable by the services; a file with the same content is left as it is.
 
-        An equal file stays.
+        secret: readable by the services' user only.
         """
         there = path.read_text("utf-8") if path.exists() else None
         if there == text:

@@ -1,4 +1,7 @@
-"""Installs a ward: writes or completes its ward file, certificates and folders. A second run adds only what is missing."""
+"""Installation of a ward: writes or completes ward file, certificates and folders.
+
+A second run adds only missing parts.
+"""
 
 import tomllib
 from collections.abc import Callable, Iterator, Sequence
@@ -24,11 +27,12 @@ def install(
 ) -> tuple[Plan, Ward, list[str]]:
     """Install a ward: write the missing parts of its ward file, certificates, folders and people.
 
-    Returns the plan with what an earlier run made, the ward file's content, and what is left to do.
-    found: what a scan of the serial ports found. hashed: gives the hash of a new person's
-    password; not called in a dry run.
-    say: prints what was done. dry: nothing is written.
-    Raises ConfigError if the ward file that is there is not valid, ValueError and OSError for what cannot be made.
+    plan: what to install. found: results of a scan of the serial ports. say: prints what was done. dry: nothing is
+    written.
+    hashed: returns the hash of a new person's password; not called in a dry run.
+    Returns the plan, completed by what an earlier run made; the content of the ward file; and a list of remaining
+    tasks.
+    Raises ConfigError if an existing ward file is invalid; ValueError or OSError if a part cannot be made.
     """
     files, path = OwnedFiles(say, dry=dry), plan.folder / "ward.toml"
     there = content(path).decode() if path.exists() else ""

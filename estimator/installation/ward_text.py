@@ -1,4 +1,4 @@
-"""Text of the ward files of an installation. Pure."""
+"""Ward file texts of an installation: builds and completes them. Pure."""
 
 from collections.abc import Container, Mapping
 from dataclasses import dataclass, field
@@ -18,9 +18,9 @@ ROUTER_PORT, PAGE_PORT = 7447, 8443
 class Plan:
     """Plan of an installation: the ward's name, its folders, hosts, bridges and people.
 
-    folder: ward file and certificates. data: store and recordings. hosts: names and addresses by which browsers and
-    other machines reach this one, the best first. bridges: ids of the bridges on other machines. people: roles by name.
-    virtual: number of simulated devices.
+    folder: for ward file and certificates. data: folder for store and recordings. virtual: number of simulated devices.
+    hosts: names and addresses by which browsers and other machines reach this machine, the preferred first.
+    bridges: ids of the bridges on other machines. people: roles by name.
     """
 
     ward: str
@@ -33,7 +33,7 @@ class Plan:
 
     @property
     def pki(self) -> Path:
-        """Folder of the certificates of this machine's programs."""
+        """Folder with the certificates of this machine's programs."""
         return self.folder / "pki"
 
     @property
@@ -46,15 +46,18 @@ class Plan:
         return self.folder / "machines" / bridge
 
     def page(self, listen: str) -> str:
-        """Return the address of the ward's page for a browser. listen: HOST:PORT of the ward file's [dashboard]."""
+        """Return the address (URL) of the ward's page for a browser.
+
+        listen: HOST:PORT from the table [dashboard] of the ward file.
+        """
         return f"https://{self.hosts[0]}:{listen.rpartition(':')[2]}/" if self.hosts else f"http://{listen}/"
 
 
 def completed(plan: Plan, there: str, found: str) -> str:
     """Return the text of this machine's ward file, completed with router, estimator, page and recorder.
 
-    Existing content stays, comments too.
-    there: the file's text, or empty. found: blocks of newly found devices.
+    there: text of the existing file, or empty; its content and comments are kept. found: TOML blocks of newly found
+    devices.
     """
     path = plan.folder / "ward.toml"
     document = tomlkit.parse(there or f"# Ward {plan.ward}. After a change: truerate config check {path}\n")
@@ -73,7 +76,7 @@ def completed(plan: Plan, there: str, found: str) -> str:
 
 
 def bridge_machine(plan: Plan, bridge: str) -> str:
-    """Return the ward file of another machine, which has a bridge only; no devices."""
+    """Return the text of the ward file for another machine, which runs only a bridge; without devices."""
     document = tomlkit.parse(f"# Bridge {bridge} of ward {plan.ward}. Add the devices: truerate bridge scan\n")
     document["ward"] = plan.ward
     _set(document, "bus", **_bus(plan))
@@ -84,7 +87,7 @@ def bridge_machine(plan: Plan, bridge: str) -> str:
 def virtual_devices(number: int, there: Container[str] = ()) -> str:
     """Return the TOML blocks of `number` simulated devices, to try an installation.
 
-    there: ids that the ward file has already.
+    there: ids that the ward file contains already; these are left out.
     """
     block = '[[bridge.devices]]\nid = "virtual-{0}"\ndriver = "simulated"\nseed = {0}'
     return "\n\n".join(block.format(seed) for seed in range(1, number + 1) if f"virtual-{seed}" not in there)

@@ -1,4 +1,4 @@
-"""Texts for people, in each language; the files are in `web/texts`.
+"""Texts for people, in each language; the text files are in `web/texts`.
 
 Start reading at `texts`.
 """

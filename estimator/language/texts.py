@@ -1,6 +1,6 @@
-"""Loads the texts that people read, by language: one file per language in web/texts, with the same keys.
+"""Loader of the texts that people read: one file per language in web/texts, with the same keys.
 
-The sentences of estimator and bridge come from the catalogue of reasons.
+Sentences of estimator and bridge come from the catalogue of reasons.
 """
 
 import tomllib
@@ -18,9 +18,9 @@ _FOLDER = Path(__file__).parent.parent / "web" / "texts"
 
 
 class Texts:
-    """All texts for people in one language; call it with a key to get a text.
+    """Texts for people in one language; calling the object with a key returns a text.
 
-    Counters and sentences have methods of their own.
+    Methods return the texts of counters and sentences.
     """
 
     def __init__(self, language: str) -> None:
@@ -51,21 +51,24 @@ class Texts:
         return self._catalogue.label(label)
 
     def say(self, section: str, words: Words) -> str:
-        """Return a sentence of the calibration guide, from its section, key and values.
+        """Return a sentence of the calibration guide, by its section, key and values.
 
-        Raises KeyError if it is unknown.
+        Raises KeyError for an unknown section or key.
         """
         return self(f"{section}.{words.key}", **words.values)
 
 
 @cache
 def texts(language: str) -> Texts:
-    """Return the texts of one of LANGUAGES; cached."""
+    """Return the texts of a language, one of LANGUAGES; cached."""
     return Texts(language)
 
 
 def chosen(asked: Sequence[str], accepted: str = "") -> str:
-    """Choose the language: the first of LANGUAGES in `asked`, else in an Accept-Language header, else the default."""
+    """Choose the language: the first of LANGUAGES in `asked`, else in an Accept-Language header, else the default.
+
+    accepted: the header's value, or empty.
+    """
     weighed = []
     for number, part in enumerate(accepted.split(",")[:20]):
         name, _, weight = part.partition(";q=")

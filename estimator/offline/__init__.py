@@ -1,4 +1,4 @@
-"""Calibrates and corrects recordings with the same code as live, and reads and writes the resulting files.
+"""Calibration and correction of recordings with the same code as live, and the files of the results.
 
 Start reading at `recordings`.
 """

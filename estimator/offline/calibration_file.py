@@ -1,6 +1,6 @@
-"""A calibration as JSON and as a file, the format that `truerate calibrate --json` prints.
+"""Calibration file: a calibration as JSON, in the format that `truerate calibrate --json` prints.
 
-The file holds everything that a later correction needs.
+The file contains everything that a later correction needs.
 """
 
 from itertools import permutations
@@ -40,9 +40,9 @@ _Row = Annotated[list[float], msgspec.Meta(min_length=3, max_length=3)]
 
 
 class CalibrationFileError(Exception):
-    """Raised when a calibration file cannot be used.
+    """Error of a calibration file that cannot be used.
 
-    The message says which file, what came, what was expected, what to do.
+    The message states the file, what it contains, what was expected, and what to do.
     """
 
 
@@ -101,10 +101,10 @@ class _File(msgspec.Struct, frozen=True):
 
 
 def of_result(result: Result, recording: Recording | None = None, gyro_range: float = 0.0) -> Calibration:
-    """Make a Calibration from a result, with the output data rate (Hz) and temperature of its recording.
+    """Make a Calibration from a result, with the output data rate (Hz) and temperature (°C) of its recording.
 
-    gyro_range: full-scale range in rad/s, 0 when unknown. The temperature is the recording's at
-    `result.bias_time`, NaN when unknown.
+    gyro_range: full-scale range, rad/s; 0 when unknown. The temperature is the recording's at `result.bias_time`, NaN
+    when unknown.
     """
     warm = None if recording is None else recording.temperature_c
     celsius = np.nan if recording is None or warm is None else np.interp(result.bias_time, recording.time_s, warm)
@@ -133,9 +133,9 @@ def of_result(result: Result, recording: Recording | None = None, gyro_range: fl
 
 
 def as_json(calibration: Calibration) -> dict[str, Any]:
-    """Return a calibration as JSON-compatible values.
+    """Return a calibration as JSON-compatible values: SI units, angles of turns in degrees.
 
-    Matrix, bias, covariance and noise are None when there is no estimate.
+    Matrix, bias, covariance and noise are None if there is no estimate.
     """
     c = calibration
     known = bool(len(c.covariance)) and bool(np.all(np.isfinite(c.covariance)))
@@ -172,7 +172,10 @@ def as_json(calibration: Calibration) -> dict[str, Any]:
 
 
 def accelerometer_as_json(one: AccelerometerCalibration) -> dict[str, Any]:
-    """Return an accelerometer's calibration as JSON-compatible values; bias, scale and covariance are None if not accepted."""
+    """Return an accelerometer's calibration as JSON-compatible values, bias in m/s².
+
+    Bias, scale and covariance are None if the calibration is not accepted.
+    """
     return {
         "verdict": one.verdict.name.lower(),
         "reason": sentences_as_json(one.reason),
@@ -187,8 +190,8 @@ def accelerometer_as_json(one: AccelerometerCalibration) -> dict[str, Any]:
 def load(path: Path | str) -> Calibration:
     """Read an accepted calibration from a file and check that its values are plausible.
 
-    The file has no time, so `time_ns` is 0. Device and boot may be absent. Raises CalibrationFileError for an
-    unreadable file, a rejected calibration, and a value that cannot be right.
+    The file has no time, so `time_ns` is 0. Device and boot may be absent.
+    Raises CalibrationFileError for an unreadable file, a rejected calibration, or an implausible value.
     """
     path = Path(path)
     file = _read(path)

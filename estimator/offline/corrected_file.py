@@ -1,12 +1,17 @@
-"""Writes a corrected recording to an .npz, .csv, .h5 or .parquet file, atomically.
+"""Files of a corrected recording: writes .npz, .csv, .h5 or .parquet, atomically.
 
-npz: `t_s` (n,), `rate_rad_s`, `rate_std_rad_s`, `bias_rad_s`, `bias_std_rad_s` (n, 3), `quality` (n,) as a number,
-`quality_names`, `quat_wxyz` (n, 4) sensor to earth, scalar first, `tilt_std`, `heading_std` (n,) in rad, `matrix` (3, 3) and
-`rate_hz`. If recorded, also `accel_m_s2` (n, 3) and `temperature_c` (n,).
+npz contains these arrays for n samples:
+- `t_s` (n,): seconds since the first sample.
+- `rate_rad_s`, `rate_std_rad_s` (n, 3): corrected rate and its standard deviation.
+- `bias_rad_s`, `bias_std_rad_s` (n, 3): bias and its standard deviation.
+- `quality` (n,): number of the quality; `quality_names`: names by number.
+- `quat_wxyz` (n, 4): attitude, sensor to earth, scalar first; `tilt_std`, `heading_std` (n,): rad.
+- `matrix` (3, 3): calibration matrix; `rate_hz`: output data rate.
+- If recorded: `accel_m_s2` (n, 3) and `temperature_c` (n,).
 
-CSV: a header row, then a row per sample, with the same quantities in the same units. A vector has a column per axis:
-rate_x_rad_s, rate_std_x_rad_s, bias_x_rad_s, bias_std_x_rad_s …; quality is given by name; then quat_w … quat_z, tilt_std,
-heading_std.
+CSV has a header row, then a row per sample, with the same quantities in the same units. A vector has a column per axis:
+rate_x_rad_s, rate_std_x_rad_s, bias_x_rad_s, bias_std_x_rad_s …. Quality is given by name. Then follow quat_w … quat_z,
+tilt_std, heading_std.
 
 HDF5 (.h5) has the arrays of npz as datasets, Parquet the columns of CSV.
 """
@@ -30,9 +35,10 @@ _MARK = "quality_names"
 
 
 def check(out: Path, recorded: Path) -> None:
-    """Refuse an output path that cannot be written to, before anything is computed. Raises RecordingError if so.
+    """Refuse an output path that cannot be written to, before the correction starts.
 
-    An existing file may be overwritten only if truerate wrote it as a corrected recording.
+    out: the output path. recorded: path of the recording. An existing file may be overwritten only if truerate wrote it
+    as a corrected recording. Raises RecordingError if the path is refused.
     """
     if out.suffix not in ENDINGS:
         raise RecordingError(f"{out}: a corrected recording ends in {', '.join(ENDINGS)}, not in {out.suffix!r}")
@@ -74,10 +80,10 @@ def _is_corrected(path: Path) -> bool:
 
 
 def save(out: Path, corrected: CorrectedRecording, recording: Recording, tell: Tell | None = None) -> None:
-    """Write a corrected recording to `out`, in the format of its ending, whole or not at all; an old file is replaced.
+    """Write a corrected recording to `out` atomically, in the format of its ending; an old file is replaced.
 
-    tell(done, n): progress in rows. Call `check` first: it refuses unusable paths. Raises RecordingError if writing
-    fails.
+    tell(done, n): called with the progress in rows. Call `check` first, which refuses unusable paths.
+    Raises RecordingError if writing fails.
     """
     c, qualities = corrected, np.array([quality.name for quality in sorted(Quality)])
     passed_on = {"accel_m_s2": recording.accel, "temperature_c": recording.temperature_c}

@@ -17,15 +17,19 @@ Singles = NDArray[np.float32]
 class CorrectedRecording:
     """Corrected rates of a recording: n rows, one per sample.
 
-    A row uses the knowledge at its sample's time, or, if smoothed, the knowledge from the whole recording.
+    A row uses the knowledge at its sample's time, or, if `smoothed`, the knowledge from the whole recording.
 
-    time_s (n,): seconds since the first sample. rate (n, 3): corrected rate, rad/s, in the device's frame.
-    rate_std (n, 3): its standard deviation from noise, bias and bias flicker, scale and misalignment.
-    bias (n, 3) rad/s: reading at zero rate; bias_std (n, 3): its standard deviation.
-    quat_wxyz (n, 4): attitude, sensor to earth (z up), scalar first; see docs/orientation.md. tilt_std, heading_std (n,) rad.
-    quality (n,): values of bridge.wire.messages.Quality. matrix (3, 3) and calibration (its id): those of the last row.
-    accelerometer: its calibration at the end, accepted or not, which the attitudes use; None before a rest, and without one.
-    events: counts of events on the way. said: messages that the live service would have logged.
+    time_s (n,): seconds since the first sample. rate (n, 3): corrected rate, rad/s, in the sensor frame.
+    rate_std (n, 3): its standard deviation, rad/s, from noise, bias, bias instability, scale and misalignment.
+    bias, bias_std (n, 3): reading at zero rate and its standard deviation, rad/s.
+    quat_wxyz (n, 4): attitude as unit quaternion, sensor to earth (z up), scalar first; see docs/orientation.md.
+    tilt_std, heading_std (n,): standard deviations of the attitude, rad.
+    quality (n,): values of bridge.wire.messages.Quality. matrix (3, 3), calibration: matrix and calibration id of the
+    last row.
+    accelerometer: its calibration at the end, accepted or not, used by the attitudes. None before a rest or without
+    accelerometer.
+    rate_hz: output data rate. events: number of each kind of event. said: messages that the live service would have
+    logged.
 
     Computed in float64, stored in float32 as on the wire.
     """
@@ -59,7 +63,7 @@ class CorrectedRecording:
         return Rotation.from_quat(self.quat_wxyz, scalar_first=True)
 
     def seconds(self) -> dict[str, float]:
-        """Return seconds spent in each quality, by name, in the order of Quality; absent qualities are left out."""
+        """Return the seconds spent in each quality, by name, in the order of Quality; absent qualities are left out."""
         counts = np.bincount(self.quality, minlength=len(Quality))
         return {quality.name: float(counts[quality] / self.rate_hz) for quality in Quality if counts[quality]}
 
@@ -67,7 +71,8 @@ class CorrectedRecording:
 class Rows:
     """Columns of the n rows of a corrected recording, filled in order; `filled`: number of rows filled so far.
 
-    rate, rate_std, bias, bias_std (n, 3) rad/s; quality (n,); quat_wxyz (n, 4); tilt_std, heading_std (n,) rad.
+    rate, rate_std, bias, bias_std (n, 3): rad/s. quality (n,). quat_wxyz (n, 4): sensor to earth, scalar first.
+    tilt_std, heading_std (n,): rad.
     """
 
     def __init__(self, n: int) -> None:
@@ -79,7 +84,7 @@ class Rows:
         self._oriented = 0
 
     def take(self, batch: CorrectedBatch, matrix: Floats) -> None:
-        """Fill the next rows from a batch that was corrected with this matrix (3, 3)."""
+        """Fill the next rows from a corrected batch; `matrix` (3, 3) is the calibration matrix that corrected it."""
         part = slice(self.filled, self.filled + len(batch))
         self.rate[part], self.rate_std[part] = batch.rate, batch.rate_std
         self.bias[part], self.quality[part] = batch.bias, batch.quality
@@ -89,7 +94,7 @@ class Rows:
         self.filled = part.stop
 
     def turn(self, attitudes: Oriented, first: int | None = None) -> None:
-        """Fill the attitudes of consecutive rows from row `first` on, by default after the last attitude."""
+        """Fill the attitudes of consecutive rows from row `first` on; by default after the last attitude filled."""
         begin = self._oriented if first is None else first
         part = slice(begin, begin + len(attitudes.quat_wxyz))
         self.quat_wxyz[part] = attitudes.quat_wxyz

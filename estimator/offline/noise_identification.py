@@ -1,6 +1,6 @@
-"""Identifies a device's gyro noise per axis from the longest rest in a recording.
+"""Noise identification: estimates a device's gyro noise per axis from the longest rest in a recording.
 
-Rest is recognised from the samples alone.
+The rest is recognised from the samples alone.
 """
 
 from dataclasses import dataclass, replace
@@ -26,11 +26,13 @@ _UNEVEN = 0.05
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AtRest:
-    """Noise of the x, y and z axes in one rest of a recording.
+    """Noise of the gyro axes x, y and z in one rest of a recording.
 
-    start_s, end_s: the rest; total_s: length of the recording. rate_hz: measured samples per second during the rest.
-    mean, std, step (3,) rad/s: mean and standard deviation of the readings, and the least difference between readings.
-    temperature_c: lowest and highest, None if not recorded.
+    start_s, end_s: start and end of the rest, s. total_s: length of the recording. rate_hz: measured samples per second
+    in the rest.
+    mean, std (3,): mean and standard deviation of the readings, rad/s. step (3,): least difference between readings,
+    rad/s.
+    temperature_c: lowest and highest temperature, °C; None if not recorded.
     """
 
     axes: tuple[Noise, Noise, Noise]
@@ -50,9 +52,10 @@ class AtRest:
 
 
 def identify_noise(recording: Recording) -> AtRest:
-    """Identify the noise in the longest rest of a recording.
+    """Identify noise coefficients of each gyro axis in the longest rest of a recording, from its Allan deviation.
 
-    Raises RecordingError if the rest is too short, its samples are uneven, or an axis reads the same throughout.
+    Raises RecordingError if the rest is too short, its samples are unevenly spaced, or an axis reads the same
+    throughout.
     """
     rest = _longest_rest(recording)
     time, gyro = recording.time_s[rest], recording.gyro[rest]
@@ -90,10 +93,10 @@ def identify_noise(recording: Recording) -> AtRest:
 
 
 def measured(rest: AtRest, like: NoiseModel) -> tuple[NoiseModel, dict[str, str]]:
-    """Return a noise model of the measured device, and for each field its origin as text, by field name.
+    """Return a noise model of the measured device, and the origin of each of its fields as text, by field name.
 
-    like: the noise model of the device's kind. A coefficient that the rest does not show is taken from `like`, or is
-    the measured upper limit if that is less.
+    like: noise model of the device's kind. A coefficient that the rest does not show is taken from `like`, or from the
+    measured upper limit if that is less.
     """
     origin = {"step": "measured"}
 

@@ -1,4 +1,4 @@
-"""Samples of a recording as the batches that a bridge would publish, and its device's info."""
+"""Conversion of a recording into the sample batches and device info that a bridge would publish."""
 
 from collections.abc import Iterator
 from itertools import pairwise
@@ -17,7 +17,11 @@ BOOT = 1
 
 
 def batches(recording: Recording, gyro_range: float, size: int) -> Iterator[SampleBatch]:
-    """Yield batches as a bridge publishes them: consecutive samples, at most `size`, faulty ones flagged."""
+    """Yield batches as a bridge publishes them: at most `size` consecutive samples each, faulty samples flagged.
+
+    gyro_range: full-scale range, rad/s; 0 when unknown. Raises RecordingError for a reading that is not finite or far
+    beyond the range.
+    """
     _check_range(recording, gyro_range)
     told = recording.told or Told(recording.ticks, TICK_S, recording.sequence, flags_of(recording, gyro_range))
     sequence, ticks, flags = told.sequence, told.ticks, told.flags.copy()
@@ -61,14 +65,14 @@ def _check_range(recording: Recording, gyro_range: float) -> None:
 
 
 def flags_of(recording: Recording, gyro_range: float) -> NDArray[np.uint32]:
-    """Return SampleFlags (n,), as a bridge sets them."""
+    """Return the SampleFlags (n,) that a bridge would set. gyro_range: full-scale range, rad/s; 0 when unknown."""
     warm = None if recording.temperature_c is None else recording.temperature_c.astype(np.float32)
     time_s = recording.ticks * TICK_S
     return SensorFaults(Tally()).flags(time_s, recording.gyro.astype(np.float32), warm, gyro_range)
 
 
 def info_of(recording: Recording) -> DeviceInfo:
-    """Return the info that a bridge would publish of the recording's device."""
+    """Return the device info that a bridge would publish of the recording's device."""
     return DeviceInfo(
         device="recorded",
         bridge="",

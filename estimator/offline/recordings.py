@@ -1,4 +1,4 @@
-"""Calibrates from a recording and corrects a recording, with the same recognition, methods and session as live."""
+"""Calibration from a recording and correction of a recording, with the same detection, methods and session as live."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -60,11 +60,12 @@ def calibrate(
 ) -> tuple[Result, list[str]]:
     """Calibrate a gyro from a recording: returns the result, and the reasons why movements were not used.
 
+    gyro_range: full-scale range, rad/s; 0 when unknown. Readings at 99 % of it count as clipped.
+    rates: known rates of a machine, rad/s, for the methods that need them.
+    knobs: settings of the device's kind, by default of an unknown device; the calibration method in `knobs` is ignored.
+
     The result is the first accepted calibration, otherwise the last attempt. Methods that work on whole movements use
-    the entire recording at once. The accelerometer is calibrated by all rests of the recording.
-    gyro_range: full-scale range in rad/s, 0 when unknown; readings at 99 % of it count as clipped.
-    rates: a machine's known rates in rad/s, for the methods that need them; other methods ignore them.
-    knobs: settings of the device's kind; the default assumes nothing. The calibration method in `knobs` is ignored.
+    the entire recording at once. The accelerometer is calibrated from all rests of the recording.
     """
     knobs = knobs or SessionKnobs()
     samples = Samples(recording.time_s, recording.gyro, recording.accel, flags_of(recording, gyro_range) & UNFIT != 0)
@@ -123,21 +124,20 @@ def correct(
     """Correct a recording as the live service would: each row uses the knowledge at its sample's time.
 
     calibration: calibration to correct with. From the same boot, its bias counts as old until the recording confirms
-    it. From another boot (`other_boot`, or its own boot, range or rate
-    differs), its scale is a prior and its bias is not used.
-
-    Without `calibration`, the boot's own calibration from before the recording began is used (`Recording.made`).
-    If there is none, the first calibration whose turns are in the recording is used, from that point on.
-    A device just switched on must warm up, so an early turn could be missed. If the recording has no device time to
-    tell the boot's start, the device then counts as having been on before.
-
+    it. A calibration counts as from another boot if `other_boot` is set, or if its boot, range or rate differs from the
+    recording's. Then its scale factors are a prior, and its bias is not used.
     knobs: settings of the device; by default those of the model that the device states, as in a ward.
     smooth: use the whole recording for every row.
-    gyro_range: full-scale range in rad/s, 0 when unknown.
-    warmed_up: the device was on and worn for a quarter of an hour before the recording began. Otherwise, as live, its
-    bias may drift by warming up where no temperature shows it.
-    batch: samples given to the session at a time; it does not affect the
-    result. progress(done, n) is called after each batch.
+    gyro_range: full-scale range, rad/s; 0 when unknown.
+    warmed_up: the device was on and worn for 15 minutes before the recording began. Otherwise its bias may drift while
+    it warms up, unless the recorded temperature shows this drift.
+    batch: number of samples processed at a time; does not affect the result. progress(done, n): called after each
+    batch.
+
+    Without `calibration`, the boot's own calibration from before the recording is used (`Recording.made`). If there is
+    none, the first calibration whose turns are in the recording is used, from that point on. A device just switched on
+    must warm up, so an early turn could be missed. If the recording has no device time to show the boot's start, the
+    device then counts as having been on before.
 
     Raises RecordingError if a reading is beyond the range, if there is nothing to smooth, or if the calibration belongs
     to another device.

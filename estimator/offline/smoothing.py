@@ -1,4 +1,4 @@
-"""Smooths a corrected recording: corrects it again with a bias that uses later evidence too."""
+"""Smoothing of a corrected recording: corrects it again with a bias that also uses later evidence."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -21,17 +21,18 @@ _ROWS = 100_000
 
 
 def remembering(knobs: SessionKnobs) -> SessionKnobs:
-    """Return the same session settings, but with a tracker that keeps the whole boot's history, as smoothing needs."""
+    """Return the session settings with a tracker that keeps the whole boot's history, as smoothing needs."""
     return replace(knobs, track=replace(knobs.track, history=None))
 
 
 def smooth_rows(rows: Rows, recording: Recording, session: DeviceSession, last: CorrectedBatch, matrix: Floats) -> None:
-    """Overwrite the rows with the smoothed bias, and the rates and attitudes that follow from it.
+    """Overwrite the rows with the smoothed bias, and with the rates and attitudes that follow from it.
 
-    The calibration is the one known at the end of the boot.
-    last: the last corrected batch; matrix (3, 3): its calibration matrix. Before the first and after the last
-    point of the history, the bias's uncertainty grows by its rate random walk. Raises RecordingError if there
-    is no evidence of the bias.
+    rows: to overwrite. recording: the readings. session: finished session of the whole recording; its tracker gives the
+    smoothed bias, its last calibration the correction.
+    last: last corrected batch. matrix (3, 3): its calibration matrix.
+    Before the first and after the last point of the bias history, the bias's uncertainty grows by its rate random walk.
+    Raises RecordingError if there is no evidence of the bias.
     """
     found = session.tracker.smoothed()
     if found is None:

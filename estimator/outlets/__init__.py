@@ -1,5 +1,5 @@
-"""Outlets: subscribers that hand a ward's data to programs that do not speak zenoh.
+"""Outlets: programs that receive a ward's data and pass it on to software that does not speak zenoh.
 
-One package or module for each outlet, with `add_arguments(verb)` and `serve(client, devices, given, stop)`. The command
-`truerate outlet` lists them in `estimator.cli.outlet`.
+Each outlet is one package with `add_arguments(verb)` and `serve(client, devices, given, stop)`. The command `truerate
+outlet` lists them in `estimator.cli.outlet`.
 """

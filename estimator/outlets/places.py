@@ -1,4 +1,4 @@
-"""Limits how many devices an outlet shows, however many ids are invented. Time is an argument."""
+"""Limit on the number of devices that an outlet shows, however many ids are invented. Time is an argument."""
 
 import logging
 from collections.abc import Callable
@@ -12,9 +12,10 @@ SILENT_S = 60.0
 
 
 class Places:
-    """The devices that an outlet shows, at most `most`; the first that sent keep their place.
+    """Set of the devices that an outlet shows, at most `most`; earlier devices keep their places.
 
-    leave: called with each device that loses its place, after SILENT_S without a message.
+    leave(device): called for each device that loses its place, which can happen after SILENT_S seconds without a
+    message.
     """
 
     def __init__(self, leave: Callable[[str], None], most: int = MOST) -> None:
@@ -25,7 +26,7 @@ class Places:
     def take(self, device: str, now_s: float) -> bool:
         """Return whether a device may be shown; give it a place if there is room.
 
-        now_s: monotonic s at which it was heard.
+        now_s: monotonic time at which the device was heard, s.
         """
         if self._heard_s.pop(device, None) is None and len(self._heard_s) >= self._most:
             first, heard_s = next(iter(self._heard_s.items()))

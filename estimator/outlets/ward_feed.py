@@ -1,4 +1,4 @@
-"""Reads a ward for outlets to robotics: each sample once, poses on a grid, statuses, and events in words."""
+"""Reader of a ward for robotics outlets: each sample once, poses on a grid, statuses, and events as text."""
 
 import math
 import time
@@ -17,9 +17,10 @@ _NOT_TURNED = (1.0, 0.0, 0.0, 0.0)
 
 
 class Pose(NamedTuple):
-    """Pose of a device in the frame of its ward: time in ns since the Unix epoch, place on a grid in m, orientation.
+    """Pose of a device in the frame of its ward.
 
-    quat_wxyz turns sensor axes to earth axes, scalar first.
+    time_ns: ns since the Unix epoch. position: place on a display grid, m. quat_wxyz: unit quaternion from sensor to
+    earth axes, scalar first.
     """
 
     device: str
@@ -29,9 +30,9 @@ class Pose(NamedTuple):
 
 
 class Event(NamedTuple):
-    """A note, a calibration, or a change of a device's state, in words, at a time in ns since the Unix epoch.
+    """Event of a device as text: a note, a calibration, or a change of its state.
 
-    serious: a person should look.
+    time_ns: ns since the Unix epoch. serious: whether a person should look at the device.
     """
 
     time_ns: int
@@ -41,9 +42,10 @@ class Event(NamedTuple):
 
 
 class WardFeed:
-    """Reads a ward's streams for an outlet; call the methods again and again, from one thread.
+    """Reader of a ward's streams for an outlet; call its methods repeatedly, from one thread.
 
-    left: called with a device that lost its place to another; the outlet can drop its state of that device.
+    devices: ids, None for all. left(device): called for a device that lost its place to another; the outlet can then
+    drop its state of that device.
     """
 
     def __init__(self, client: Client, devices: Sequence[str] | None, left: Callable[[str], None]) -> None:
@@ -61,9 +63,9 @@ class WardFeed:
         self._states: dict[str, tuple[int, State, Quality]] = {}
 
     def samples(self, timeout_s: float) -> Iterator[ImuRows]:
-        """Wait at most timeout_s for corrected samples, and yield rows once complete.
+        """Wait at most `timeout_s` seconds for corrected samples, and yield rows once they are complete.
 
-        A row joins a corrected rate with its raw reading and orientation.
+        A row joins a corrected rate (rad/s) with its raw reading and orientation.
         """
         self._rates.wait(timeout_s)
         now_s = time.monotonic()
@@ -76,12 +78,12 @@ class WardFeed:
         yield from self._join.due(now_s)
 
     def statuses(self) -> list[Status]:
-        """Return the statuses that came since the last call; each device sends one a second."""
+        """Return the statuses that arrived since the last call; each device sends one a second."""
         now_s = time.monotonic()
         return [status for status in self._statuses.drain() if self._places.take(status.device, now_s)]
 
     def pose(self, rows: ImuRows) -> Pose:
-        """Return a device's pose at its last sample; a device whose orientation is unknown (NaN) is shown unturned."""
+        """Return a device's pose at its last sample; an unknown orientation (NaN) becomes the identity rotation."""
         w, x, y, z = rows.quat_wxyz[-1].tolist()
         turned = _NOT_TURNED if math.isnan(w) else (w, x, y, z)
         return Pose(rows.device, int(rows.time_ns[-1]), self._position(rows.device), turned)

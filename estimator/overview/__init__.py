@@ -1,4 +1,4 @@
-"""Views of a ward as plain values, computed from bus messages: devices, needs, estimators. Pure.
+"""Views of a ward as plain values, computed from bus messages: devices, problems for people, estimators. Pure.
 
 Start reading at `ward`.
 """

@@ -1,4 +1,4 @@
-"""View of a ward's estimators: which are alive, which devices each owns since which epoch, and recent moves. Pure."""
+"""View of a ward's estimators: which are alive, which devices each owns under which epoch, and recent moves. Pure."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from bridge.wire.messages import Holding, Move, Owned
 
 @dataclass(frozen=True, slots=True)
 class Share:
-    """One estimator of a ward: whether it is alive, the devices that it owns, and its recent moves of devices.
+    """Estimator of a ward: whether it is alive, the devices that it owns, and its recent moves of devices.
 
     load: processor seconds per second.
     """
@@ -25,7 +25,10 @@ class Share:
 
 @dataclass(frozen=True, slots=True)
 class ClusterView:
-    """All estimators of a ward, by name, with their devices; `troubles` are most urgent first."""
+    """View of all estimators of a ward, sorted by id, each with its devices.
+
+    `troubles`: faults of the ward's estimators, most urgent first.
+    """
 
     ward: str
     shares: Sequence[Share]
@@ -33,7 +36,10 @@ class ClusterView:
 
     @property
     def devices(self) -> Mapping[str, tuple[str, Holding]]:
-        """The owner of each device, by device id; if two estimators claim it, the one with the higher epoch."""
+        """Owner of each device, by device id: the estimator's id and its claim.
+
+        If two estimators claim a device, the claim with the higher epoch (number of the ownership) counts.
+        """
         found: dict[str, tuple[str, Holding]] = {}
         for share in self.shares:
             for holding in share.holdings:
@@ -46,8 +52,7 @@ class ClusterView:
 def cluster_view(ward: str, alive: Sequence[str], said: Iterable[Owned]) -> ClusterView:
     """Combine the messages of a ward's estimators into one view.
 
-    said: their messages about owned devices, in order of arrival.
-    alive: ids of the estimators that are alive.
+    said: their ownership messages, in order of arrival. alive: ids of the estimators that are alive.
     """
     parts: dict[str, dict[int, Owned]] = {}
     for owned in said:
@@ -70,7 +75,7 @@ def cluster_view(ward: str, alive: Sequence[str], said: Iterable[Owned]) -> Clus
 
 
 def as_json(view: ClusterView) -> dict[str, Any]:
-    """Return the view of the estimators as one JSON-compatible object."""
+    """Return the view of a ward's estimators as one JSON-compatible object."""
     return {
         "ward": view.ward,
         "well": not view.troubles,

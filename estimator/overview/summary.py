@@ -1,4 +1,4 @@
-"""Summary of a ward: devices that are well or need a person, and whether all samples are accounted for. Pure."""
+"""Summary of a ward: numbers of devices, problems for people, and conservation of samples. Pure."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -40,7 +40,7 @@ _URGENT = (
 
 @dataclass(frozen=True, slots=True)
 class Need:
-    """A device that needs a person: its state, the reasons, and where it is worn."""
+    """Device that needs a person: its state, the reasons, and where it is worn."""
 
     device: str
     state: State
@@ -50,13 +50,15 @@ class Need:
 
 @dataclass(frozen=True, slots=True)
 class WardSummary:
-    """Summary of a ward: numbers of devices and samples, who needs a person, and faults of the ward.
+    """Summary of a ward: numbers of devices and samples, devices that need a person, and faults of the ward.
 
-    devices: those that did not end. needs: most urgent first. law: devices that break samples in
-    = out + dropped, and how.
-    troubles: of the ward itself.
-    unused: number of unused samples by device and reason, most first; devices without any are left out.
-    told: per device, in English, other events that its bridge counted, and a rate that is not as expected.
+    devices: number of devices whose data has not ended. ended: number of the others. tracking: number of tracking
+    devices.
+    needs: devices that need a person, most urgent first. troubles: faults of the ward itself.
+    samples_in, samples_out, dropped: numbers of samples received, published and dropped by the estimators.
+    law: by device, a sentence for each device where samples_in differs from samples_out + dropped.
+    unused: number of unused samples by device and reason, the device with most first; devices without any are left out.
+    told: by device, in English, other events that its bridge counted, and an unexpected sample rate.
     """
 
     ward: str
@@ -76,7 +78,10 @@ class WardSummary:
 
     @property
     def well(self) -> bool:
-        """True if nobody has to do anything: no needs, no lost samples, no troubles."""
+        """True if nobody has to do anything.
+
+        No device needs a person, every sample is accounted for, and the ward has no fault.
+        """
         return not (self.needs or self.law or self.troubles)
 
 
@@ -87,7 +92,10 @@ def summarise(
     bridges: Sequence[str],
     estimators: Sequence[str],
 ) -> WardSummary:
-    """Summarise a ward from statuses and infos by device id, and the ids of its bridges and estimators."""
+    """Summarise a ward.
+
+    statuses, infos: latest status and info of each device, by device id. bridges, estimators: ids of those alive.
+    """
     names = sorted({*statuses, *infos})
     needs = [need for name in names if (need := _need(name, statuses.get(name), infos.get(name))) is not None]
     over = sum(ended(_said(statuses.get(name), infos.get(name))) for name in names)
@@ -167,17 +175,20 @@ def as_json(seen: WardSummary) -> dict[str, Any]:
 
 
 def placement_as_json(placement: Placement | None) -> dict[str, Any] | None:
-    """Return a placement as a JSON-compatible object; None if nobody said who wears the device."""
+    """Return a placement as a JSON-compatible object; None if nobody has recorded one for the device."""
     return None if placement is None else asdict(placement)
 
 
 def total(unused: Mapping[str, Mapping[str, int]]) -> Counter[str]:
-    """Return the number of unused samples of all devices together, by reason."""
+    """Return the number of unused samples of all devices together, by reason.
+
+    unused: number of unused samples by device and reason.
+    """
     return sum(map(Counter, unused.values()), Counter())
 
 
 def most(reasons: Mapping[str, int]) -> str:
-    """Return the three most frequent reasons with their counts, and the count of all others, in words."""
+    """Format the three most frequent reasons with their counts, and the count of all others: `5 late, 2 repeated`."""
     found = Counter(reasons).most_common()
     said = [f"{n} {why}" for why, n in found[:_MOST]]
     left = sum(n for _, n in found[_MOST:])
@@ -185,7 +196,7 @@ def most(reasons: Mapping[str, int]) -> str:
 
 
 def told(info: DeviceInfo) -> str:
-    """Describe in words a device's most frequent events, and an unexpected sample rate; empty if there is nothing."""
+    """Format a device's most frequent events, and an unexpected sample rate, in English; empty if there is nothing."""
     counts = most({in_words(label): n for label, n in info.events.items() if n})
     rate = english(*(notice for notice in info.notices if notice.code in _OF_RATE))
     return " ".join(filter(None, (rate, counts)))

@@ -30,11 +30,11 @@ WORDS = {state: state.name.lower().replace("_", " ") for state in State}
 
 @dataclass(frozen=True, slots=True)
 class DeviceRow:
-    """One device of a ward in a list: state, reasons, quality, rate and battery. None is unknown.
+    """Row of one device in a list of a ward: state, reasons, quality, rate and battery.
 
-    `gaps` and `missing_samples` count since the estimator knows the device. evidence_age_s:
-    time since the last rest, s.
-    needs_person: as `estimator.device.attention` defines it; a device that nothing is known of needs a person too.
+    None means unknown. rate_hz: measured samples per second; 0 if unknown. evidence_age_s: seconds since the last rest.
+    `gaps` and `missing_samples` count from when the estimator first saw the device. battery_percent: charge, 0 to 100.
+    needs_person: as `estimator.device.attention` defines it; also True if no estimator reports the device.
     """
 
     device: str
@@ -58,7 +58,10 @@ class DeviceRow:
 
     @property
     def order(self) -> tuple[int, bool, str]:
-        """Sort key of the rows: most urgent first, then those with notices, then by device id."""
+        """Sort key of the rows: most urgent first, then rows with notices, then by device id.
+
+        The second element is True for a row without notices.
+        """
         urgency = URGENCY.index(self.state)
         if self.needs_person and self.state == TRACKING:
             urgency = min(urgency, _ASKS)
@@ -71,7 +74,10 @@ class DeviceRow:
 
 
 class WardView:
-    """Latest status and infos of each device of a ward, and when its status came; `now` is monotonic time in s."""
+    """Latest status of each device of a ward, the time it came, and the latest infos.
+
+    Every argument `now` is monotonic time, s.
+    """
 
     def __init__(self) -> None:
         self._statuses: dict[str, tuple[Status, float]] = {}
@@ -79,13 +85,13 @@ class WardView:
         self._infos: dict[str, dict[str, DeviceInfo]] = {}  # by device and bridge
 
     def take_status(self, status: Status, now: float) -> None:
-        """Keep an estimator's status of a device, received at monotonic time `now`, s."""
+        """Keep a status of a device, received at monotonic time `now`, s."""
         if status.device in self._statuses:
             self._anew.add(status.device)
         self._statuses[status.device] = status, now
 
     def take_info(self, info: DeviceInfo) -> None:
-        """Keep a bridge's info of a device; of at most eight bridges per device."""
+        """Keep a bridge's info of a device, for at most eight bridges per device."""
         known = self._infos.setdefault(info.device, {})
         known.pop(info.bridge, None)
         known[info.bridge] = info  # latest last
@@ -94,7 +100,10 @@ class WardView:
             del known[next(one for one in known if status is None or one != status.bridge)]
 
     def room(self, device: str, most: int) -> bool:
-        """Return whether to keep infos of a device: known, or fewer than `most` devices are known from bridges only."""
+        """Return whether there is room for infos of a device.
+
+        True for a known device, or if fewer than `most` devices are known from bridges only.
+        """
         known = device in self._statuses or device in self._infos
         return known or len(self._infos.keys() - self._statuses.keys()) < most
 
@@ -103,7 +112,10 @@ class WardView:
         return {device: now - heard for device, (_, heard) in self._statuses.items()}
 
     def ended(self, now: float) -> list[str]:
-        """Return the ids of devices whose data has ended, and that no estimator reports any more. now: monotonic s."""
+        """Return the ids of devices whose data has ended and that no estimator reports any more.
+
+        now: monotonic time, s.
+        """
         return [
             device
             for device, (status, heard) in self._statuses.items()
@@ -111,27 +123,27 @@ class WardView:
         ]
 
     def forget(self, device: str) -> None:
-        """Drop all that is known of a device."""
+        """Drop everything known about a device."""
         self._statuses.pop(device, None)
         self._infos.pop(device, None)
         self._anew.discard(device)
 
     def rows(self, now: float) -> list[DeviceRow]:
-        """Return the rows of all devices, most urgent first. now: monotonic time in s."""
+        """Return the rows of all devices, most urgent first. now: monotonic time, s."""
         names = self._statuses.keys() | self._infos.keys()
         return sorted((self.row(name, now) for name in names), key=lambda row: row.order)
 
     def settled(self, now: float) -> bool:
-        """Return whether each device is known to be live (a second status came) or silent (none for SILENT_S).
+        """Return whether every device is known to be live (a second status came) or silent (none for SILENT_S seconds).
 
-        now: monotonic s.
+        now: monotonic time, s.
         """
         return all(name in self._anew or _silence(now - heard) for name, (_, heard) in self._statuses.items())
 
     def statuses(self, now: float) -> dict[str, Status]:
-        """Return the latest status of each device by id; a silent device's state is unknown.
+        """Return the latest status of each device by id; the state of a silent device becomes UNKNOWN.
 
-        now: monotonic time in s.
+        now: monotonic time, s.
         """
         return {name: _unless_silent(status, now - heard) for name, (status, heard) in self._statuses.items()}
 
@@ -140,7 +152,11 @@ class WardView:
         return {name: info for name in self._infos if (info := self.info(name)) is not None}
 
     def info(self, name: str) -> DeviceInfo | None:
-        """Return a device's info of the bridge whose samples are used; otherwise of a bridge that receives the device."""
+        """Return the info of a device from the bridge whose samples are used, else from another bridge.
+
+        None if unknown.
+        Among other bridges, one that receives the device comes first.
+        """
         known, (status, _) = self._infos.get(name, {}), self._statuses.get(name, (None, 0.0))
         if status is not None and status.bridge in known:
             return known[status.bridge]
@@ -149,7 +165,7 @@ class WardView:
     def row(self, name: str, now: float) -> DeviceRow:
         """Return the row of one device: state, reasons and counts, from its status and info.
 
-        now: monotonic time in s.
+        now: monotonic time, s.
         """
         status, heard = self._statuses.get(name, (None, now))
         info = self.info(name)
@@ -200,19 +216,19 @@ def _unless_silent(status: Status, for_s: float) -> Status:
 
 
 def to_calibrate(rows: Iterable[DeviceRow]) -> list[str]:
-    """Return the ids of the devices that wait for turns by hand, those whose calibration has not begun first."""
+    """Return the ids of devices that wait for turns by hand; devices whose calibration has not begun come first."""
     waits = sorted((row for row in rows if row.state in _WAIT), key=lambda row: _WAIT.index(row.state))
     return [row.device for row in waits]
 
 
 def counted(rows: Iterable[DeviceRow]) -> str:
-    """Return the number of devices in each state, in words: `1 lost, 3 tracking`, most urgent first."""
+    """Format the number of devices in each state, most urgent first: `1 lost, 3 tracking`."""
     found = Counter(row.state for row in rows)
     return ", ".join(f"{found[state]} {state}" for state in URGENCY if found[state])
 
 
 def head_line(rows: Sequence[DeviceRow]) -> str:
-    """Return a line such as `5 of 6 tracking; 1 lost`: the number of tracking devices, and the states of the others."""
+    """Format the number of tracking devices and the states of the others: `5 of 6 tracking; 1 lost`."""
     others = [row for row in rows if row.state != TRACKING]
     said = f"{len(rows) - len(others)} of {len(rows)} tracking"
     return f"{said}; {counted(others)}" if others else said
@@ -226,7 +242,10 @@ def listed(devices: Iterable[str]) -> str:
 
 
 def age(seconds: float) -> str:
-    """Format a duration in s, in the largest unit (s, min, h, d) of which it has at least two: `3 min`."""
+    """Format a duration by the largest unit (s, min, h, d) of which it has at least two: `3 min`.
+
+    seconds: the duration, s.
+    """
     for unit, length in (("d", 86400.0), ("h", 3600.0), ("min", 60.0)):
         if seconds >= 2 * length:
             return f"{seconds / length:.0f} {unit}"

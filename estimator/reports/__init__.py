@@ -1,4 +1,4 @@
-"""Reports on calibrations, corrections, histories and noise: in words, as tables and as JSON.
+"""Reports on calibrations, corrections, histories and noise: as sentences, tables and JSON.
 
-One file per subject. Degrees are used here; the computing rooms use SI only.
+One file per subject. Sentences and tables use degrees, JSON uses SI units.
 """

@@ -1,4 +1,4 @@
-"""Reports a calibration in words, as tables and as JSON; tables show degrees."""
+"""Calibration report as sentences, tables and JSON; tables use degrees, JSON uses SI units."""
 
 from collections.abc import Iterator, Sequence
 from math import degrees
@@ -17,10 +17,11 @@ from estimator.offline import calibration_file
 def as_json(
     result: Result, calibration: Calibration, passed_over: Sequence[str] = (), notes: Sequence[str] = ()
 ) -> dict[str, Any]:
-    """Return a new calibration as JSON-compatible values, in SI.
+    """Return a new calibration as JSON-compatible values, in SI units.
 
-    The object has the keys of a calibration file, and more: axes to repeat, information per parameter in bits, the
-    movements that were not used, with reasons, and what was understood or repaired of the recording.
+    The object has the keys of a calibration file, and four more: axes to repeat, information per parameter in bits,
+    unused movements with reasons, and notes on the recording.
+    passed_over: reasons why movements were not used. notes: assumptions and repairs made when the recording was read.
     """
     known = bool(np.all(np.isfinite(result.covariance)))
     bits = result.information_bits.tolist() if known else []
@@ -34,7 +35,10 @@ def as_json(
 
 
 def recorded_as_json(calibration: Calibration) -> dict[str, Any]:
-    """Return a calibration made live with the keys of `as_json`; nothing is to be repeated, the information is unknown."""
+    """Return a calibration made live as JSON-compatible values, with the keys of `as_json`.
+
+    No axes are to be repeated, and the information in bits is null.
+    """
     return {
         **calibration_file.as_json(calibration),
         "repeat": [],
@@ -45,7 +49,7 @@ def recorded_as_json(calibration: Calibration) -> dict[str, Any]:
 
 
 def first(lines: Sequence[str]) -> Iterator[str]:
-    """Yield the first 12 lines, and a line that says how many more there are, which `--json` prints."""
+    """Yield the first 12 lines, then a line with the number of the others, which `--json` prints in full."""
     yield from lines[:_MOST]
     if (more := len(lines) - _MOST) > 0:
         yield f"… and {more} more; --json lists all"
@@ -57,7 +61,10 @@ _OF_TURNS = {"turn °": 1, "closed to °": 2, "s": 3}
 
 
 def as_table(result: Result | Calibration) -> Columns:
-    """Return a table of scale and bias per axis with 95 % intervals, and of the turns if the method has turns."""
+    """Return a table of scale factor and bias (°/s) per axis with 95 % intervals, and of the turns if there are any.
+
+    Turns: angle and closure error in degrees, duration in s.
+    """
     headings = _HEADINGS | (_OF_TURNS if result.turns else {})
     table = Columns([Column(heading, number=True, spare=spare) for heading, spare in headings.items()])
     wide = SIGMAS * np.sqrt(np.diag(result.covariance))
@@ -80,7 +87,10 @@ def as_table(result: Result | Calibration) -> Columns:
 
 
 def accelerometer_as_words(one: AccelerometerCalibration | None) -> Iterator[str]:
-    """Yield an accelerometer's calibration as lines: its verdict; then, if accepted, scale and bias with 95 % intervals."""
+    """Yield lines on an accelerometer's calibration: its verdict; if accepted, scale factors and bias (m/s²).
+
+    Values have 95 % intervals. Nothing is yielded for None.
+    """
     if one is None:
         return
     yield f"accelerometer {one.verdict.name.lower()}: {english(*one.reason)}"
@@ -92,12 +102,12 @@ def accelerometer_as_words(one: AccelerometerCalibration | None) -> Iterator[str
 
 
 def as_notes(notes: Sequence[str]) -> list[str]:
-    """Format the notes of a recording, one line each: what was understood, assumed or repaired of it."""
+    """Format the notes on a recording, one line each: assumptions and repairs made when it was read."""
     return [f"note: {words}" for words in notes]
 
 
 def as_matrix(result: Result | Calibration) -> Columns:
-    """Return a table of the whole matrix (3, 3), each element with its 95 % interval."""
+    """Return a table of the calibration matrix (3, 3), without unit, each element with its 95 % interval."""
     table = Columns(
         [
             Column(heading, number=True)

@@ -1,4 +1,4 @@
-"""Reports on a corrected recording in words and as JSON; the words show degrees."""
+"""Report on a corrected recording, as sentences in degrees and as JSON in SI units."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -30,9 +30,9 @@ def bias_known(corrected: CorrectedRecording) -> bool:
 
 
 def as_json(corrected: CorrectedRecording, recording: Recording, out: Path) -> dict[str, Any]:
-    """Return a corrected recording's report as JSON-compatible values, in SI.
+    """Return a corrected recording's report as JSON-compatible values, in SI units.
 
-    Bias and its standard deviation are those at the end.
+    Bias and its standard deviation (rad/s) are those of the last sample. out: path of the output file.
     """
     warm = recording.temperature_c
     return {
@@ -55,9 +55,9 @@ def as_json(corrected: CorrectedRecording, recording: Recording, out: Path) -> d
 
 
 def as_words(corrected: CorrectedRecording, recording: Recording, out: Path) -> Iterator[str]:
-    """Yield a corrected recording's report as lines.
+    """Yield the lines of a corrected recording's report.
 
-    Samples, quality, bias at the end, calibrations, temperature, events, output file.
+    Samples, quality, bias at the end (°/s), calibrations, temperature (°C), events, and the output file `out`.
     """
     minutes = recording.time_s[-1] / 60
     how = "from the whole recording" if corrected.smoothed else "as in a live ward"
@@ -86,7 +86,7 @@ def as_words(corrected: CorrectedRecording, recording: Recording, out: Path) -> 
 
 
 def said(corrected: CorrectedRecording) -> Iterator[str]:
-    """Yield the first 12 messages that the live service would have logged while correcting; then count the others."""
+    """Yield the first 12 messages that the live service would have logged, then the number of the others."""
     yield from first(corrected.said)
 
 

@@ -1,4 +1,4 @@
-"""Reports the history of a device as tables and as JSON."""
+"""Report on the history of a device, as tables and as JSON."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
@@ -19,7 +19,10 @@ from estimator.service.history import Biases, History
 
 
 def as_tables(history: History) -> Iterator[RenderableType]:
-    """Yield tables of calibrations (accepted and refused), boots, commands, and each boot's bias; no empty ones."""
+    """Yield tables of calibrations (accepted and refused), boots, commands, and each boot's bias (°/s).
+
+    Empty tables are left out.
+    """
     refused = [row for row in history.commands if row["verb"] == "calibrate"]
     tried = [(c.time_ns, _calibration(c, history.calibrations)) for c in history.calibrations]
     tried += [(row["time_ns"], ("", row["who"], "", f"{row['reason']}: {english(*row['message'])}")) for row in refused]
@@ -62,7 +65,7 @@ def as_tables(history: History) -> Iterator[RenderableType]:
 
 
 def as_json(history: History) -> dict[str, Any]:
-    """Return a device's whole history as JSON-compatible values, in SI units, times in ISO 8601."""
+    """Return a device's whole history as JSON-compatible values, in SI units, with times in ISO 8601."""
     return {
         "device": history.device,
         "calibrations": [
@@ -148,12 +151,12 @@ def _words(name: str) -> str:
 
 
 def when(time_ns: int) -> str:
-    """Format ns since the Unix epoch as date and time in this machine's zone: `2026-11-21 13:39:19`."""
+    """Format a time, ns since the Unix epoch, as date and time in this machine's zone: `2026-11-21 13:39:19`."""
     return datetime.fromtimestamp(time_ns / 1e9, UTC).astimezone().strftime("%Y-%m-%d %H:%M:%S")
 
 
 def iso(time_ns: int) -> str:
-    """Format nanoseconds since the Unix epoch as an ISO 8601 time in UTC, with milliseconds."""
+    """Format a time, ns since the Unix epoch, as ISO 8601 in UTC, with milliseconds."""
     return datetime.fromtimestamp(time_ns / 1e9, UTC).isoformat(timespec="milliseconds")
 
 

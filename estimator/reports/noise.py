@@ -1,4 +1,4 @@
-"""Reports the noise of a device at rest in words, as a table and as JSON; words and table show degrees."""
+"""Report on the noise of a device at rest, as sentences and table in degrees and as JSON in SI units."""
 
 from collections.abc import Iterator
 from dataclasses import asdict
@@ -20,9 +20,9 @@ _POOR = 3.0  # misfit above which the model explains an axis poorly
 
 
 def as_json(rest: AtRest) -> dict[str, Any]:
-    """Return the noise at rest as JSON-compatible values, in SI.
+    """Return the noise at rest as JSON-compatible values, in SI units.
 
-    If `seen` is false, only the upper limit `high` is known.
+    If `seen` of a coefficient is false, only its upper limit `high` is known.
     """
     return {
         "used_s": [rest.start_s, rest.end_s],
@@ -56,7 +56,10 @@ _COLUMNS = (
 
 
 def as_table(rest: AtRest) -> Columns:
-    """Return a table with a row per coefficient and axis: value and 95 % interval, or only the upper limit."""
+    """Return a table with a row per noise coefficient and axis: value and 95 % interval, or only the upper limit.
+
+    Units: angle random walk °/s/√Hz, bias instability °/h, rate random walk °/s/√s.
+    """
     table = Columns(_COLUMNS)
     for field, words, unit, scale in COEFFICIENTS:
         for number, (axis, noise) in enumerate(zip(AXES, rest.axes, strict=True)):
@@ -67,13 +70,16 @@ def as_table(rest: AtRest) -> Columns:
 
 
 def said(coefficient: Coefficient, scale: float) -> str:
-    """Format a coefficient times `scale` as `0.0123`, or as `< 0.004` if the rest shows only its upper limit."""
+    """Format a coefficient times `scale`: `0.0123`, or `< 0.004` if only its upper limit is known.
+
+    scale: number of display units per SI unit.
+    """
     value, high = coefficient.value * scale, coefficient.high * scale
     return f"{value:.3g}" if coefficient.seen else f"< {high:.2g}"
 
 
 def sentences(rest: AtRest) -> Iterator[str]:
-    """Yield sentences that say what part of the recording was used, and what limits the result."""
+    """Yield sentences on the part of the recording that was used, and on what limits the result."""
     yield (
         f"longest rest: {rest.duration_s:.0f} s of {rest.total_s:.0f} s, from {rest.start_s:.1f} to "
         f"{rest.end_s:.1f} s, at {rest.rate_hz:.2f} Hz"

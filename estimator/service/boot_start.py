@@ -1,4 +1,4 @@
-"""Start of a device boot: restore earlier calibrations as a prior, or say why none applies."""
+"""Start of a device's boot: restores stored calibrations, or states why no stored calibration applies."""
 
 import logging
 from collections.abc import Callable
@@ -22,7 +22,10 @@ log = logging.getLogger(__name__)
 
 
 class Boots:
-    """Starter of device boots from stored knowledge and from other estimators' checkpoints."""
+    """Starter of device boots, from stored knowledge and from other estimators' checkpoints.
+
+    `treatment`: session settings of each device.
+    """
 
     def __init__(self, parts: Parts) -> None:
         self._devices, self._record = parts.devices, parts.record
@@ -30,11 +33,11 @@ class Boots:
         self.treatment = treatment(parts.settings)
 
     def begin(self, device: Device, batch: Samples, *, same: bool = True) -> Outcome:
-        """Begin a boot from the first batch, with stored knowledge of the boot, or with an earlier boot's calibration.
+        """Begin a boot of a device from its first batch; restore knowledge of this boot or an earlier boot.
 
-        same: False if another power-up used this boot number before. Then a remembered calibration serves only as a
-        prior (scale factors to start from). Returns the outcome, for `Outcomes.tell`: log lines and messages to
-        publish.
+        same: False if another power-up used this boot number before. Then a stored calibration serves only as a prior
+        for the scale factors.
+        Returns the outcome for `Outcomes.tell`: lines to log and messages to publish.
         """
         session, info = device.session, self._devices.info(batch.bridge, batch.device)
         device.use(self.knobs(device.name, batch.bridge))
@@ -70,9 +73,9 @@ class Boots:
         return outcome
 
     def knobs(self, device: str, bridge: str) -> SessionKnobs:
-        """Session settings of a device, for samples from this bridge.
+        """Return the session settings of a device for samples from this bridge.
 
-        The sensor model is the ward file's; where the file names none, it is the one that the device states.
+        The sensor model is that of the ward file; if the file names none, the model that the device states.
         """
         info = self._devices.info(bridge, device)
         return self.treatment.of(device, info.model if info else "")
@@ -88,10 +91,12 @@ class Boots:
         return kept[: kept.index(boot)] if kept is not None and boot in kept else kept
 
     def introduced(self, device: Device, info: DeviceInfo, before: DeviceInfo | None) -> Outcome | None:
-        """Apply a new device info from the owning bridge. before: the bridge's previous info of the device, or None.
+        """Apply a new device info from the owning bridge.
 
-        Calibrations that do not match the info are dropped, and a matching prior is looked up. Returns the outcome, for
-        `Outcomes.tell`; None if neither boot nor restore key (model, firmware, range, rate) is new.
+        before: the bridge's previous info of the device, or None. Calibrations that do not match the new info are
+        dropped, and a matching calibration of an earlier boot is looked up as a prior.
+        Returns the outcome for `Outcomes.tell`; None if boot and restore key (model, firmware, range, rate) are
+        unchanged.
         """
         session = device.session
         session.info = info
@@ -119,7 +124,7 @@ class Boots:
     def resumed(self, device: Device) -> Outcome | None:
         """Apply the latest device info to a session that continues from a checkpoint.
 
-        Returns the outcome, for `Outcomes.tell`; None if nothing changed or no info of this boot is known.
+        Returns the outcome for `Outcomes.tell`; None if nothing changed or no info of this boot is known.
         """
         info = self._devices.info(device.admission.owner, device.name)
         device.session.sequence.recall(partial(self._before, device.name, device.session.boot or 0))

@@ -1,4 +1,4 @@
-"""Checkpoints and ownership claims of estimators, so that any estimator can continue any device. Pure."""
+"""Checkpoints of devices from all estimators, with which any estimator can continue any device. Pure."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -16,9 +16,9 @@ Answers = tuple[tuple[str, CommandReply], ...]
 
 
 def checkpoint_of(device: Device, time_ns: int, answers: Answers = ()) -> Checkpoint | None:
-    """Make the checkpoint of a device: all that another estimator needs to continue it. None before its first boot.
+    """Build the checkpoint of a device: all that another estimator needs to continue it; None before its first boot.
 
-    time_ns: host time, ns since the Unix epoch. answers: the device's last command replies, with their verbs.
+    time_ns: host time, ns since the Unix epoch. answers: the latest command replies of the device, each with its verb.
     """
     session = device.session
     if session.boot is None:
@@ -43,13 +43,16 @@ def checkpoint_of(device: Device, time_ns: int, answers: Answers = ()) -> Checkp
 
 
 def calibrated(checkpoint: Checkpoint) -> Calibration | None:
-    """The checkpoint's calibration if it was made in the checkpoint's own boot, else None."""
+    """Return the calibration of a checkpoint if it was made in the checkpoint's boot, else None."""
     used = checkpoint.calibration
     return used if used is not None and used.boot == checkpoint.boot else None
 
 
 class Checkpoints:
-    """Latest checkpoint and last command replies of each device, from any estimator. devices: most devices kept."""
+    """Latest checkpoint and latest command replies of each device, from any estimator.
+
+    devices: largest number of devices kept; beyond it the longest unchanged is dropped.
+    """
 
     def __init__(self, devices: int) -> None:
         self._room = devices
@@ -57,9 +60,10 @@ class Checkpoints:
         self._answers: dict[str, Answers] = {}
 
     def note(self, checkpoint: Checkpoint) -> None:
-        """Keep a checkpoint unless one of a higher epoch is known; checkpoints of one epoch arrive in order.
+        """Keep a checkpoint unless one of a higher epoch (number of an ownership) is known.
 
-        The calibration of an older-epoch checkpoint is kept if the known checkpoint of the same boot has none.
+        Checkpoints of one epoch arrive in order. The calibration of a lower-epoch checkpoint is still used if the known
+        checkpoint of the same boot has none.
         """
         self.answer(checkpoint.device, checkpoint.answers)
         known = self._latest.get(checkpoint.device)
@@ -78,7 +82,7 @@ class Checkpoints:
         return iter(self._latest.values())
 
     def answer(self, device: str, given: Answers) -> None:
-        """Remember replies given to commands for a device: pairs of verb and reply. The last few are kept."""
+        """Remember command replies of a device, as pairs of verb and reply; only the latest MAX_ANSWERS are kept."""
         if given:
             known = self._answers.pop(device, ())
             self._answers[device] = (*(one for one in known if one not in given), *given)[-MAX_ANSWERS:]
@@ -86,29 +90,32 @@ class Checkpoints:
                 del self._answers[next(iter(self._answers))]
 
     def answers(self, device: str) -> Answers:
-        """The last command replies of a device with their verbs, oldest first; empty if there are none."""
+        """Return the latest command replies of a device, as pairs of verb and reply, oldest first.
+
+        Empty if there are none.
+        """
         return self._answers.get(device, ())
 
     def of(self, device: str) -> Checkpoint | None:
-        """Latest known checkpoint of a device, from any estimator, or None."""
+        """Return the latest known checkpoint of a device from any estimator, or None."""
         return self._latest.get(device)
 
     def lately_from(self, device: str, now_ns: int) -> str:
-        """Bridge named by a device's latest checkpoint, if that is no older than LATELY_NS at now_ns; else empty.
+        """Return the bridge named by a device's latest checkpoint; empty if that is older than LATELY_NS at `now_ns`.
 
-        A device silent for longer may be anywhere.
+        now_ns: host time, ns since the Unix epoch. A device that was silent for longer may be on another bridge.
         """
         known = self._latest.get(device)
         return known.bridge if known is not None and abs(now_ns - known.time_ns) <= LATELY_NS else ""
 
     def forget(self, device: str) -> None:
-        """Drop the checkpoint of a device, because this estimator now knows better or the device is to be forgotten."""
+        """Drop the checkpoint of a device, because it is out of date or the device is to be forgotten."""
         self._latest.pop(device, None)
 
     def prior(self, info: DeviceInfo) -> Calibration | None:
-        """Calibration of an earlier boot of the same hardware from the device's latest checkpoint, or None.
+        """Return the calibration of an earlier boot of the same hardware from the device's latest checkpoint, or None.
 
-        The restore key (device, model, firmware, range; without a device clock also the rate) must match `info`.
+        The restore key must match `info`: device, model, firmware, range; for a device without a clock also the rate.
         """
         known = self._latest.get(info.device)
         used = None if known is None else known.calibration

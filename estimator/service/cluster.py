@@ -1,4 +1,4 @@
-"""Cooperation of a ward's estimators over the bus: who is alive, who owns which device, checkpoints for takeover."""
+"""Cooperation of a ward's estimators over the bus: live estimators, ownership of devices, checkpoints for takeover."""
 
 import logging
 import time
@@ -77,7 +77,7 @@ class Cluster:
         self._load, self._load_since = 0.0, (now, time.process_time())
 
     def close(self) -> None:
-        """Close the subscriptions, the publisher and the watch of this object."""
+        """Close the subscriptions, the publisher and the liveliness watch."""
         for thing in (self._watch, self._heard, self._kept, self._said):
             thing.close()
 
@@ -86,8 +86,9 @@ class Cluster:
     def look(self, now: float, *, heard: bool) -> list[str]:
         """Read the other estimators' messages, once a round; returns ids of our devices that another estimator took.
 
-        now: monotonic seconds. heard: whether samples arrived in this round; while nothing at all arrives, the others'
-        silence is excused. Sets `came` and `calibrated`.
+        now: monotonic time, s. heard: whether samples arrived in this round. While no message at all arrives, silence
+        of the other estimators does not count.
+        Sets `came` and `calibrated`.
         """
         membership, self.came, self.calibrated = self.membership, False, []
         said = self._heard.drain(512, 0.0)
@@ -185,10 +186,11 @@ class Cluster:
     # ---- which devices are ours ---------------------------------------------------------------------------------------
 
     def take(self, others: Mapping[str, Sequence[Message]], now: float) -> dict[str, list[Message]]:
-        """Take ownership of the devices that belong to us now; returns each with its backlog of sample messages.
+        """Take ownership of the devices that this estimator should own now.
 
-        others: messages of this round, by device, of devices that we do not hold. now: monotonic seconds. Beside other
-        estimators at most TAKEN_AT_ONCE devices are taken at a time.
+        Returns each with its backlog of sample messages.
+        others: messages of this round by device, of devices that this estimator does not hold. now: monotonic time, s.
+        If other estimators exist, at most TAKEN_AT_ONCE devices are taken per call.
         """
         self.replay.tidy(now)
         wanted = [device for device in others if self.membership.wants(device, now)]
@@ -209,9 +211,10 @@ class Cluster:
         return self.replay.of(taken) if self.company else {device: list(others.get(device, ())) for device in taken}
 
     def epoch(self, device: str) -> int:
-        """Epoch (number of the ownership, rising with each takeover) under which we hold a device.
+        """Return the epoch under which this estimator holds a device.
 
-        Takes the device if it is not held yet.
+        The epoch is the number of the ownership; it rises with each takeover. Takes ownership of the device if it is
+        not held yet.
         """
         return self.membership.held.get(device) or self.membership.take(device, self._now_ns())
 
@@ -227,8 +230,9 @@ class Cluster:
     # ---- what is said of ours -----------------------------------------------------------------------------------------
 
     def say(self, devices: dict[str, Device], now: float) -> None:
-        """Publish which devices this estimator owns, every SAY_S, or every SAY_ALONE_S without other estimators.
+        """Publish which devices this estimator owns, every SAY_S seconds.
 
+        Without other estimators, every SAY_ALONE_S seconds.
         devices: our devices by id. now: monotonic seconds. During a hold-off (no takeovers after a start or an outage)
         nothing is published, so that no other estimator waits for this one.
         """
@@ -261,7 +265,8 @@ class Cluster:
     def tell(self, device: Device) -> None:
         """Publish a device's checkpoint for the other estimators.
 
-        Without other estimators the checkpoint is only kept locally, and only if another one had the device before.
+        Without other estimators the checkpoint is only kept in memory, and only if another estimator had the device
+        before.
         """
         alone = not self.company
         if alone and self.replicas.of(device.name) is None:

@@ -1,8 +1,8 @@
-"""Commands from people: received on a thread of the bus, executed on the service's own thread, answered.
+"""Commands from people: received on a thread of the bus, executed and answered on the service's own thread.
 
-A command repeated with the same request id gets the same answer, changes nothing, and is counted. So playing a
-recording of commands has no effect. A command that waited too long is not executed. The answer is sent once the
-outcome is on disk, or after half a second of a failing disk.
+A command repeated with the same request id gets the same answer, changes nothing, and is counted. So replaying recorded
+commands has no effect. A command that waited too long is not executed. The answer is sent once the outcome is on disk,
+or after half a second if the disk fails.
 """
 
 import logging
@@ -50,7 +50,7 @@ class _Asked(NamedTuple):
 
 
 class Commands:
-    """Receives commands from the bus, executes them on the devices of this estimator, and answers them."""
+    """Receiver of commands from the bus: executes them on this estimator's devices and answers them."""
 
     def __init__(self, parts: Parts, gate: EnrolmentGate, watch: OwnAlerts, forgetting: Forgetting) -> None:
         self._watch, self._forgetting = watch, forgetting
@@ -64,7 +64,8 @@ class Commands:
     def ask(self, key: str, payload: bytes, reply: Reply) -> None:
         """Queue a command, or refuse it when MOST commands wait; called on a thread of the bus.
 
-        reply(payload) is called once: with the encoded reply, or empty if another estimator answers.
+        key, payload: bus key and encoded command. reply(payload) is called once: with the encoded reply, or empty if
+        another estimator answers.
         """
         if len(self._waiting) >= MOST:
             _refuse(reply, Code.TOO_MANY_COMMANDS())
@@ -74,7 +75,7 @@ class Commands:
     def work(self) -> None:
         """Execute the queued commands, on the service's thread.
 
-        Malformed commands, and those that waited longer than ANSWER_S, are refused.
+        Malformed commands, and commands that waited longer than ANSWER_S seconds, are refused.
         """
         now = time.monotonic()
         while self._waiting:
@@ -96,9 +97,9 @@ class Commands:
     def do(self, key: keys.Key, command: Command, answer: Callable[[CommandReply], None]) -> None:
         """Execute a command and answer it: accepted or refused, with a message.
 
-        key: names device and verb. answer(reply) is called once the outcome is on disk, after half a second of a
-        failing disk, or at once if nothing is stored. A command that was executed before is not repeated: it gets its
-        earlier reply and is counted.
+        key: contains device id and verb. answer(reply) is called once the outcome is on disk, after half a second if
+        the disk fails, or at once if nothing is stored.
+        A command that was executed before is not repeated: it gets its earlier reply and is counted.
         """
         request = key.device, key.ids["verb"], command.request_id
         reply = self._answered.get(request) or self._record.answered(key, command)
@@ -180,9 +181,9 @@ def _refuse(send: Reply, why: Sentence, request_id: str = "") -> None:
 
 
 def acknowledged(subject: str, seen: Sequence[Change]) -> Sentences:
-    """Text of the reply to an acknowledgement: which alerts of the subject were acknowledged, or that there were none.
+    """Return the reply text to an acknowledgement: which alerts were acknowledged, or that there were none.
 
-    seen: the alerts that nobody had acknowledged before.
+    subject: id of a device or estimator. seen: alerts that nobody had acknowledged before.
     """
     if not seen:
         return (Code.NOTHING_TO_ACKNOWLEDGE(subject=subject),)

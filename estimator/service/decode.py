@@ -1,4 +1,4 @@
-"""Decode the sample messages of one round of the run loop into columns, all at once."""
+"""Bulk decoder: converts the sample messages of one round of the run loop into columns in one step."""
 
 from array import array
 from collections.abc import Sequence
@@ -29,9 +29,9 @@ _Read = tuple[str, str, int, int, int, int, float, float, bytes, bytes, bytes, b
 
 
 def decode(messages: Sequence[Message]) -> list[Samples | Refusal]:
-    """Decode sample messages in bulk: returns for each message, in order, its samples or why it is refused.
+    """Decode sample messages in bulk; returns for each message, in order, its samples or the reason for refusal.
 
-    The result is that of `codec.decode_samples`, which decodes one message; nothing is raised.
+    The result equals that of `codec.decode_samples`, which decodes one message. Nothing is raised.
     """
     read = [_read(*message) for message in messages]
     plain = iter(_columns([one for one in read if one is not None]))

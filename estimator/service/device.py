@@ -1,4 +1,4 @@
-"""One device in the service: its session, the bridge it is heard from, and its publishers."""
+"""Device in the service: its session, admission of its messages, and its publishers."""
 
 import math
 import time
@@ -40,10 +40,11 @@ FORGET_ORIENTATION_S = 10
 
 
 class Device:
-    """Session and publishers of one device. After a failure in the session, `restart` begins a new one.
+    """Session and publishers of one device; after a failure in the session, `restart` begins a new one.
 
-    silence_s: silence after which the device counts as lost, s. now: monotonic s. epoch: of this estimator's ownership.
-    began: device time at the start of the boot, s. troubles: events of the whole estimator, which may change.
+    silence_s: silence after which the device counts as lost, s. now: monotonic time, s. began: device time at the start
+    of the boot, s.
+    epoch: number of this estimator's ownership. troubles: event counts of the whole estimator, which may change.
     """
 
     def __init__(
@@ -100,7 +101,8 @@ class Device:
     def announced(self) -> bool:
         """True if the device's messages are published.
 
-        Messages of a newcomer (a device that neither a list nor the store knows) are published only after NEWCOMER_S.
+        Messages of a newcomer (a device in neither the ward file nor the store) are published only after NEWCOMER_S
+        seconds of device time.
         """
         return not self._gone and not self.announced_after_s
 
@@ -110,14 +112,17 @@ class Device:
         return self.session.calibration is None and self.session.prior is None
 
     def say(self, what: str, payload: bytes) -> None:
-        """Publish an encoded message of an announced device. what: its kind, as in CACHES."""
+        """Publish an encoded message of the device if the device is announced.
+
+        what: kind of the message, a key of CACHES.
+        """
         if self.announced:
             self._publisher(what).put(payload)
 
     def say_corrected(self, cut: Cut, rates: Rates) -> None:
-        """Publish corrected samples, or hold them while the device is not announced or their calibration not stored.
+        """Publish corrected samples, or hold them back until the device is announced and its calibration stored.
 
-        cut: which samples of which message, and their correction. rates: the corrected rates, rad/s.
+        cut: segment of a sample message, with its correction. rates: packed corrected rates (n, 3), rad/s, and flags.
         """
         if (correction := cut.correction) is not self._correction:
             self._correction = correction
@@ -132,7 +137,7 @@ class Device:
             self._delay_s = (time.time_ns() - self.session.last_heard_ns) / 1e9
 
     def say_orientation(self, one: OrientedCut) -> None:
-        """Publish the attitudes of corrected samples, if somebody subscribes to orientation."""
+        """Publish the attitudes of a segment of corrected samples, if anybody subscribes to orientation."""
         if self._unwanted_s:
             return
         cut, (quat_wxyz, accel, cov), zero = one
@@ -142,7 +147,7 @@ class Device:
         self.say("orientation", payload)
 
     def look_round(self) -> None:
-        """Once a second: switch window summaries and orientation on or off, by whether somebody subscribes to them."""
+        """Once a second: switch window summaries and orientation on or off, as subscribers need them."""
         oriented = self._is_wanted("orientation")
         self._unwanted_s = 0 if oriented else self._unwanted_s + 1
         if oriented and self.session.attitude is None:
@@ -152,14 +157,17 @@ class Device:
         self.session.windowed = self._is_wanted("@windowed")
 
     def stands(self, standing: Iterable[Alert], now: float) -> None:
-        """Replace the alert board by one with these alerts, raised before a restart or a takeover. now: monotonic s."""
+        """Replace the alert board by one with alerts that were raised before a restart or a takeover.
+
+        now: monotonic time, s.
+        """
         self.board = Board(self._alerts, standing, now)
 
     def look_for_alerts(self, now: float, time_ns: int) -> list[Change]:
         """Raise and clear the device's alerts; returns the changes.
 
-        now: monotonic s. time_ns: host time, ns since the Unix epoch. Empty while the device is not announced, or its
-        state is unknown.
+        now: monotonic time, s. time_ns: host time, ns since the Unix epoch. Empty while the device is not announced, or
+        its state is unknown.
         """
         if not self.announced or self.session.life.state is State.UNKNOWN:
             return []
@@ -168,7 +176,7 @@ class Device:
         )
 
     def say_status(self, time_ns: int) -> None:
-        """Publish the present status, unless a calibration still waits to be stored; it is kept in `latest`.
+        """Publish the present status and keep it in `latest`; does nothing while a calibration waits to be stored.
 
         time_ns: host time, ns since the Unix epoch.
         """
@@ -183,9 +191,9 @@ class Device:
         self.say("calibration", payload)
 
     def hold(self, calibration: str, payload: bytes) -> None:
-        """Hold back corrected rates until a calibration is stored, since nobody could look it up before.
+        """Hold back corrected rates until a calibration is stored, since before that nobody could look it up.
 
-        calibration: its id. payload: the encoded calibration, published by `let_go`.
+        calibration: its id. payload: the encoded calibration, which `let_go` publishes.
         """
         self._unsaid[calibration] = payload
 
@@ -219,13 +227,13 @@ class Device:
             self.say_calibration(known.id, codec.encode_calibration(replace(known, epoch=self.epoch)))
 
     def say_revision(self, revision: BiasRevision) -> None:
-        """Publish a revision of the past bias; does nothing if too few of its points fit the wire's limits."""
+        """Publish a revision of past biases; does nothing if too few of its points are within the wire's limits."""
         fit = output.revision(revision)
         if fit is not None:
             self.say("revision", codec.encode_revision(fit))
 
     def status(self, time_ns: int) -> Status:
-        """Make the complete status of the device, every number within the wire's limits.
+        """Build the complete status message of the device, every number within the wire's limits.
 
         time_ns: host time, ns since the Unix epoch.
         """
@@ -244,27 +252,30 @@ class Device:
         return output.status(said)
 
     def delay(self) -> float:
-        """Seconds from receipt to publication of the first sample published since the last call; NaN without one."""
+        """Return the seconds from receipt to publication of the first sample published since the last call.
+
+        NaN without one.
+        """
         delay_s, self._delay_s = self._delay_s, None
         return math.nan if delay_s is None else delay_s
 
     def use(self, knobs: SessionKnobs, alerts: Alerts | None = None) -> None:
-        """Use other settings: of alerts at once, of the session from the next boot or calibration on.
+        """Apply changed settings: of alerts at once, of the session from the next boot or calibration on.
 
-        alerts: None to keep the present ones.
+        alerts: None keeps the present ones.
         """
         self._knobs = self.session.knobs = knobs
         self._alerts = self.board.settings = alerts or self._alerts
 
     @property
     def ended(self) -> bool:
-        """True if the device is away and meant to send no more, such as after the end of a recording."""
+        """True if the device is away and is not expected to send again, for example after the end of a recording."""
         return self.session.life.away and ended(self.session.life.reason)
 
     def restart(self) -> None:
-        """Start a new session without a boot, after a failure; the next batch in sequence, or a later one, begins it.
+        """Start a new session after a failure. The next batch, if not a repeat, begins a boot in it.
 
-        Samples that came and were not published are counted as dropped.
+        Samples that were received and not published count as dropped.
         """
         sequence = self.admission.restart(self.came, self.told, self.session.last_heard_ns)
         self.session = DeviceSession(self.name, self._knobs, sequence=sequence)
@@ -272,7 +283,7 @@ class Device:
     def take_over(self, known: Checkpoint) -> None:
         """Continue the session from a checkpoint.
 
-        Raises ValueError where the checkpoint's state is invalid; the device is then unchanged.
+        Raises ValueError if the checkpoint's state is invalid; the device is then unchanged.
         """
         self.session = DeviceSession.restored(
             known.state, known.calibration, self.name, self._knobs, self.admission.sequence
@@ -281,9 +292,9 @@ class Device:
         self.admission.go_on(self.session.last_heard_ns)
 
     def leave(self) -> list[Publisher]:
-        """Close the publishers of a device lost to another estimator, except those that late queries may ask.
+        """Close the publishers of a device that another estimator took; returns the publishers that stay open.
 
-        Returns the publishers left open; the caller closes them later.
+        Publishers of rates, calibrations and checkpoints stay open for late queries; the caller closes them later.
         """
         self._say_unsaid()
         kept = [self._publishers.pop(what) for what in _ASKED_FOR if what in self._publishers]
@@ -292,7 +303,7 @@ class Device:
         return kept
 
     def close(self) -> None:
-        """Publish what still waits for the disk, and close all publishers."""
+        """Publish the messages that wait for the disk, and close all publishers."""
         self._say_unsaid()
         for publisher in self._publishers.values():
             publisher.close()

@@ -1,4 +1,4 @@
-"""Detect device loss: no usable sample for too long, with a diagnosis."""
+"""Device loss: detects devices without a usable sample for too long, and finds the reason."""
 
 import logging
 from collections.abc import Container
@@ -19,9 +19,9 @@ SILENT = (Code.NO_SAMPLES_SINCE_TAKEOVER(),)
 
 
 class DeviceLoss:
-    """Detector of lost devices: those without a usable sample for silence_s seconds.
+    """Detector of lost devices: devices without a usable sample for more than `silence_s` seconds.
 
-    waiting: bus keys of devices with messages not handled yet; such a device is not lost.
+    waiting: bus keys of devices with messages not processed yet; these devices do not count as lost.
     """
 
     def __init__(
@@ -36,9 +36,10 @@ class DeviceLoss:
         self._presence, self._gate, self._waiting, self._silence_s = presence, gate, waiting, silence_s
 
     def look(self, device: Device, now: float) -> None:
-        """Check one device, once a second, at `now`, monotonic seconds; marks its session as lost after a long silence.
+        """Check one device, once a second; mark its session as lost after a silence of more than `silence_s`.
 
-        A device whose live bridge has withdrawn it is lost after SETTLED_S already. The reason is found and logged.
+        now: monotonic time, s. If a live bridge has withdrawn the device, a silence of SETTLED_S seconds suffices. The
+        reason is found and logged.
         """
         silent_s = now - device.heard
         if silent_s <= min(self._silence_s, SETTLED_S) or device.key in self._waiting:

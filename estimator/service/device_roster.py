@@ -1,4 +1,4 @@
-"""Roster of known devices: bounded in number, and a failure in one device's work affects that device only.
+"""Roster of known devices: bounds their number, and contains a failure in one device's work.
 
 Silent devices that were never calibrated make room for new ones.
 """
@@ -35,7 +35,7 @@ FAILED = "session failed"
 class DeviceRoster(dict[str, Device]):
     """Known devices by id, at most MAX_DEVICES, and the latest info that each bridge sent of each device.
 
-    counts: the ward's counts. silence_s: silence, s, after which an uncalibrated device may make room for another.
+    counts: the ward's counts. silence_s: silence after which an uncalibrated device may make room for another, s.
     """
 
     def __init__(self, counts: Tally, silence_s: float) -> None:
@@ -46,7 +46,7 @@ class DeviceRoster(dict[str, Device]):
     def room(self, now: float, samples: int) -> bool:
         """Return whether one more device fits; forgets silent uncalibrated devices if necessary.
 
-        now: monotonic seconds.
+        now: monotonic time, s. samples: number of samples to count as refused if there is no room.
         """
         if len(self) < MAX_DEVICES or self.forget(now, self._silence_s):
             return True
@@ -58,7 +58,7 @@ class DeviceRoster(dict[str, Device]):
         return False
 
     def info(self, bridge: str, device: str) -> DeviceInfo | None:
-        """Latest info (identity and settings) that a bridge sent of a device, or None."""
+        """Return the latest info (identity and settings) that a bridge sent of a device, or None."""
         return self._infos.get((bridge, device))
 
     def note(self, info: DeviceInfo) -> None:
@@ -82,9 +82,9 @@ class DeviceRoster(dict[str, Device]):
         return name in self and not self[name].worthless
 
     def forget(self, now: float, silent_s: float) -> bool:
-        """Forget uncalibrated devices silent for over silent_s seconds, the longest silent first, up to 64 per call.
+        """Forget uncalibrated devices silent for over `silent_s` seconds, the longest silent first, up to 64 per call.
 
-        now: monotonic seconds. Returns whether any device was forgotten.
+        now: monotonic time, s. Returns whether any device was forgotten.
         """
         gone = [d for d in self.values() if d.worthless and now - d.heard > silent_s]
         for device in nsmallest(_AT_ONCE, gone, key=lambda d: d.heard):
@@ -94,7 +94,7 @@ class DeviceRoster(dict[str, Device]):
         return bool(gone)
 
     def listed_by(self, device: str, alive: Callable[[str], bool]) -> str:
-        """Id of a living bridge whose latest infos include the device; empty if there is none.
+        """Return the id of a live bridge whose latest infos include the device; empty if there is none.
 
         alive(bridge): whether a bridge is alive.
         """
@@ -108,7 +108,10 @@ class DeviceRoster(dict[str, Device]):
         return ""
 
     def guard(self, device: Device, work: Callable[[*Ts], object], *args: *Ts) -> bool:
-        """Run work(*args) of one device and return whether it succeeded; after a failure a new session starts."""
+        """Run work(*args) for one device and return whether it succeeded; after a failure a new session starts.
+
+        Raises BusError, since a lost bus concerns all devices.
+        """
         try:
             work(*args)
         except Exception as error:  # noqa: BLE001 - any failure is contained: see `failed`
@@ -117,10 +120,10 @@ class DeviceRoster(dict[str, Device]):
         return True
 
     def failed(self, device: Device, error: Exception) -> None:
-        """Restart the session of a device whose work failed, so that the other devices are served further.
+        """Restart the session of a device whose work failed, so that the other devices are not affected.
 
-        The device's samples that came and were not published are lost and counted. Raises the error again if it is a
-        BusError, since a lost bus concerns all devices.
+        The device's samples that were received and not published are counted as lost. A BusError is raised again, since
+        a lost bus concerns all devices.
         """
         if isinstance(error, BusError):
             raise error
@@ -133,5 +136,8 @@ class DeviceRoster(dict[str, Device]):
             log.error(words, device.name, exc_info=error)
 
     def over(self, now: float) -> list[Device]:
-        """Devices meant to send no more that have been silent for over ENDED_S at `now`, monotonic seconds."""
+        """Return the devices that are not expected to send again and have been silent for over ENDED_S seconds.
+
+        now: monotonic time, s.
+        """
         return [device for device in self.values() if device.ended and now - device.heard > ENDED_S]

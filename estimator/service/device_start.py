@@ -24,8 +24,8 @@ log = logging.getLogger(__name__)
 class DeviceStarts:
     """Starter of devices: creates them and puts them into the roster.
 
-    resumed: progress before a restart. tell(device, outcome): reports what a start led to. listed: whether a
-    `[devices]` table of the ward file names all devices.
+    resumed: progress of each device before a restart. tell(device, outcome): reports the outcome of a start. listed:
+    whether a `[devices]` table of the ward file names all devices.
     """
 
     def __init__(
@@ -45,16 +45,16 @@ class DeviceStarts:
         self._last_run = parts.record.last_run()
 
     def use(self, settings: Estimator, alerts: Alerts) -> None:
-        """Use changed settings: alerts at once, a session's from its next boot or calibration on."""
+        """Apply changed settings: of alerts at once, of a session from its next boot or calibration on."""
         self._alerts, self._boots.treatment = alerts, treatment(settings)
         for device in self._parts.devices.values():
             device.use(self._boots.knobs(device.name, device.admission.owner), alerts)
 
     def begin(self, batch: Samples, now: float) -> Device | None:
-        """Create a device from its first batch, at `now`, monotonic s; None where the roster has no room.
+        """Create a device from its first batch; None if the roster has no room.
 
-        The bridge known to another estimator, or from before a restart, becomes the owner. A boot that this estimator
-        saved at an orderly stop is resumed.
+        now: monotonic time, s. The bridge that another estimator or the last run used for the device becomes the owner.
+        A boot that this estimator saved at an orderly stop is resumed.
         """
         devices, cluster = self._parts.devices, self._parts.cluster
         if not devices.room(now, batch.n):
@@ -68,10 +68,10 @@ class DeviceStarts:
         return device
 
     def take_over(self, name: str, now: float) -> Device | None:
-        """Continue a device from another estimator's checkpoint, at `now`, monotonic s.
+        """Continue a device from another estimator's checkpoint; return the device of this name in the roster, or None.
 
-        Without a usable checkpoint or room the device is not created: it starts with its first sample. Returns the
-        device of this name in the roster, or None.
+        now: monotonic time, s. Without a usable checkpoint or without room the device is not created; it starts with
+        its first sample.
         """
         devices, known = self._parts.devices, self._parts.cluster.replicas.of(name)
         if known is None or not known.state or not devices.room(now, 0):

@@ -1,4 +1,4 @@
-"""Look up knowledge from earlier boots of the same hardware, in the store and in other estimators' checkpoints."""
+"""Lookup of knowledge from earlier boots of the same hardware, in the store and in other estimators' checkpoints."""
 
 import logging
 from collections.abc import Callable
@@ -28,7 +28,8 @@ AHEAD_S = 60.0
 class EarlierBoots:
     """Lookup of a device's earlier boots, in the store and in other estimators' checkpoints.
 
-    clerk: the store's thread. now_ns: the host's clock. pending(device): calibrations of a device not on disk yet.
+    clerk: the store's thread. now_ns: the host's clock, ns since the Unix epoch. pending(device): calibrations of a
+    device that are not on disk yet.
     """
 
     def __init__(
@@ -43,10 +44,10 @@ class EarlierBoots:
         self._now_ns, self._pending = now_ns, pending
 
     def prior(self, device: Device, info: DeviceInfo) -> Calibration | None:
-        """Latest calibration of the same hardware in an earlier boot, on disk or still to be written, or None.
+        """Return the latest calibration of the same hardware in an earlier boot, stored or still pending, or None.
 
-        info: the present boot; device, model, firmware and range must match; without a device clock also the rate. A
-        calibration dated in the future is logged.
+        info: of the present boot. Device, model, firmware and range must match; for a device without a clock also the
+        rate. A calibration dated in the future is logged.
         """
         for pending in reversed(self._pending(device.name)):
             if pending.boot != info.boot and not differing(restore_key(pending), info):
@@ -66,15 +67,18 @@ class EarlierBoots:
         return c
 
     def scratch(self, info: DeviceInfo) -> Sentences:
-        """Reasons why this device's latest stored calibration does not apply; empty where it does or none exists."""
+        """Return the reasons why this device's latest stored calibration does not apply.
+
+        Empty if it applies or none exists.
+        """
         latest = self._store.latest(info.device)
         return () if latest is None else changed(latest, info, within_boot=latest.boot == info.boot)
 
     def law(self, session: DeviceSession, info: DeviceInfo, then: Callable[[TemperatureLaw | None], None]) -> None:
         """Fit the temperature law (bias against temperature) to earlier boots of the same hardware.
 
-        Calls then(law), None if there is none. The fit runs on the store's thread, since it takes as long as correcting
-        many samples; `then` runs on the service's thread.
+        then(law): called on the service's thread; law is None if there is none. The fit runs on the store's thread,
+        since it takes as long as correcting many samples.
         """
         knobs = session.knobs.track.bias
         self._clerk.look_up(lambda: learn(self._store.points(info), knobs), then)
@@ -82,7 +86,7 @@ class EarlierBoots:
     def moves(self, session: DeviceSession, info: DeviceInfo, then: Callable[[float], None]) -> None:
         """Compute the relative standard deviation of the scale factors from boot to boot of the same hardware.
 
-        Calls then(std) on the service's thread. The store is read on its own thread.
+        then(std): called on the service's thread. The store is read on its own thread.
         """
 
         def moved() -> float:
@@ -91,9 +95,9 @@ class EarlierBoots:
         self._clerk.look_up(moved, then)
 
     def past(self, device: str) -> list[int] | None:
-        """Numbers of a device's boots from before this estimator started, oldest first, at most BOOTS_KNOWN.
+        """Return the boot ids of a device from before this estimator started, oldest first, at most BOOTS_KNOWN.
 
-        None where the store cannot be read.
+        None if the store cannot be read.
         """
         boots = self._store.boots(device, BOOTS_KNOWN)
         return None if self._store.database.trouble and not boots else boots

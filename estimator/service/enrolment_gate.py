@@ -1,7 +1,7 @@
-"""Enrolment gate: only messages of enrolled devices, from their own bridge, are decoded.
+"""Enrolment gate: admits only messages of enrolled devices from their own bridge.
 
-Keys are checked before anything is decoded, so that a flood of invented names delays no device and costs next to
-nothing. Some refused names are remembered, so that a person can see which devices ask to be admitted.
+Bus keys are checked before anything is decoded, so that a flood of invented names delays no device. Some refused device
+ids are remembered, so that a person can see which devices ask to be admitted.
 """
 
 import logging
@@ -28,9 +28,9 @@ LISTED, LISTED_S = 64, 30.0
 
 @dataclass(slots=True)
 class Stranger:
-    """A device that is not enrolled, or is enrolled with another bridge than the one that sends it.
+    """Device that is not enrolled, or is enrolled with another bridge than the one that sends it.
 
-    messages: number of refused messages. heard: time of the last one, monotonic s.
+    messages: number of refused messages. heard: time of the latest one, monotonic s.
     """
 
     bridge: str
@@ -39,9 +39,10 @@ class Stranger:
 
 
 class EnrolmentGate:
-    """Filter for messages by enrolment; `strangers` lists some refused devices by id.
+    """Filter that admits messages by enrolment.
 
-    enrolment: the `[devices]` table of the ward file; None admits every device.
+    enrolment: the `[devices]` table of the ward file; None admits every device. `strangers`: some of the refused
+    devices, by id.
     """
 
     def __init__(self, enrolment: Enrolment | None, counts: Tally) -> None:
@@ -51,17 +52,17 @@ class EnrolmentGate:
         self.strangers: dict[str, Stranger] = {}
 
     def look(self, now: float) -> None:
-        """Drop the strangers that are silent, once a second. now: monotonic s."""
+        """Once a second: drop strangers that were silent for LISTED_S seconds. now: monotonic time, s."""
         gone = [name for name, stranger in self.strangers.items() if now - stranger.heard > LISTED_S]
         for name in {*gone, *(self.strangers.keys() & self._heard)}:
             del self.strangers[name]
 
     def lists(self, device: str) -> bool:
-        """Return whether a device is enrolled by its id."""
+        """Return whether the `[devices]` table lists a device."""
         return device in self._places
 
     def enrol(self, enrolment: Enrolment) -> None:
-        """Use a changed `[devices]` table; does nothing if there was no table before."""
+        """Apply a changed `[devices]` table; does nothing if there was no table before."""
         if self._enrolment is None or enrolment == self._enrolment:
             return
         before, self._enrolment, self._places = len(self._places), enrolment, enrolment.places
@@ -71,9 +72,9 @@ class EnrolmentGate:
             del self.strangers[name]
 
     def why(self, device: str, bridge: str = "") -> Sentences:
-        """Reasons why a device sent by this bridge is refused; empty where it would be admitted.
+        """Return the reasons why messages of a device from a bridge are refused; empty if they are admitted.
 
-        bridge: empty for any bridge.
+        bridge: empty stands for any bridge.
         """
         place = self._places.get(device)
         if place and bridge and place != bridge:
@@ -81,9 +82,9 @@ class EnrolmentGate:
         return () if self._enrolment is None or place is not None else (Code.NOT_ENROLLED(),)
 
     def admits(self, bridge: str, device: str, now: float) -> bool:
-        """Return whether a message of a device from this bridge is admitted, at `now`, monotonic s.
+        """Return whether a message of a device from this bridge is admitted. now: monotonic time, s.
 
-        A refused message is counted, and its device may be listed in `strangers`.
+        A refused message is counted, and its device may be added to `strangers`.
         """
         if self._enrolment is None:
             return True
@@ -125,9 +126,10 @@ class Notices:
         self._publishers: dict[str, Publisher] = {}
 
     def say(self, time_ns: int, known: Container[str]) -> None:
-        """Publish the strangers' statuses, once a second; devices in `known` have a status already.
+        """Publish the statuses of the strangers, once a second.
 
-        time_ns: host time, ns since the Unix epoch.
+        known: ids of devices that have a status already; these are left out. time_ns: host time, ns since the Unix
+        epoch.
         """
         for name in self._publishers.keys() - self._gate.strangers.keys():
             self._publishers.pop(name).close()

@@ -1,7 +1,7 @@
-"""Entrance of messages: which are decoded, by enrolment, number of new devices, and ownership of the device.
+"""Entrance filter for messages: by enrolment, number of new devices, and ownership of the device.
 
-Anybody who may publish samples can invent device ids. Where no `[devices]` list names the ward's devices, the number of
-uncalibrated devices and the rate at which they are admitted are bounded, so that a burst of them delays no other device.
+Anybody who may publish samples can invent device ids. If no `[devices]` list names the ward's devices, the number of
+uncalibrated devices and the rate of their admission are bounded. So a burst of new devices delays no other device.
 """
 
 import logging
@@ -30,9 +30,9 @@ REFUSED = "messages refused, too many new devices"
 
 
 class Newcomers:
-    """Filter that admits known devices and a bounded number of new, uncalibrated ones.
+    """Filter that admits known devices and a bounded number of new, uncalibrated devices.
 
-    exempt(device): whether a device is admitted regardless of numbers, because it is known or was calibrated before.
+    exempt(device): whether a device is admitted in any case, because it is known or was calibrated before.
     """
 
     def __init__(self, exempt: Callable[[str], bool], counts: Tally) -> None:
@@ -43,9 +43,9 @@ class Newcomers:
         self._tokens, self._refilled_s = AT_ONCE, float("-inf")
 
     def admits(self, bridge: str, device: str, now: float) -> bool:
-        """Return whether a device is admitted from a bridge; a refusal is counted. now: monotonic s.
+        """Return whether a device from a bridge is admitted; a refusal is counted. now: monotonic time, s.
 
-        A new device then counts against the limits until it is calibrated or forgotten.
+        An admitted new device counts against the limits until it is calibrated or forgotten.
         """
         if (bridge, device) in self._probation or self._exempt(device):
             return True
@@ -56,7 +56,7 @@ class Newcomers:
         return True
 
     def look(self, now: float, *, kept: Callable[[str], bool], proven: Callable[[str], bool]) -> None:
-        """Once a second, at `now` monotonic s: stop counting calibrated and forgotten devices against the limits.
+        """Once a second: stop counting calibrated and forgotten devices against the limits. now: monotonic time, s.
 
         kept(device): whether the device is still in the roster. proven(device): whether it has a calibration.
         """
@@ -84,10 +84,10 @@ class Newcomers:
 
 
 class Entrance:
-    """Sorter of sample messages by the owner of their device.
+    """Sorter of sample messages: our devices, other admitted devices, and refused devices.
 
-    Whether a bus key is admitted is remembered until `look`, once a second.
-    newcomers: bounds new devices where no `[devices]` list names the ward's devices; None where one does.
+    newcomers: filter for new devices; None if a `[devices]` list names the ward's devices. Decisions are remembered by
+    bus key until the next `look`, once a second.
     """
 
     def __init__(self, gate: EnrolmentGate, newcomers: Newcomers | None, cluster: Cluster) -> None:
@@ -96,14 +96,17 @@ class Entrance:
         self._admitted: dict[str, str] = {}
 
     def enrolled(self, messages: Sequence[Message], now: float) -> list[Message]:
-        """Messages of enrolled devices, and those with malformed keys; the others are counted. now: monotonic s."""
+        """Return the messages of enrolled devices, and those with malformed keys; the others are counted.
+
+        now: monotonic time, s.
+        """
         return [one for one in messages if not all(ids := _ids(one.key)) or self._gate.admits(*ids, now)]
 
     def sort(self, messages: Sequence[Message], now: float) -> tuple[list[Message], dict[str, list[Message]]]:
         """Split messages into those of our devices, and, by device, those of admitted devices that we do not hold.
 
-        now: monotonic s. Beside other estimators, messages of both kinds are kept for a takeover. Messages of refused
-        devices are counted.
+        now: monotonic time, s. If other estimators exist, messages of both kinds are kept for a takeover. Messages of
+        refused devices are counted.
         """
         held, replay = self._cluster.membership.held, self._cluster.replay if self._cluster.company else None
         ours, others = list[Message](), dict[str, list[Message]]()
@@ -120,7 +123,10 @@ class Entrance:
         return ours, others
 
     def look(self, now: float, devices: DeviceRoster) -> None:
-        """Once a second, at `now` monotonic s: forget silent unlisted and new devices, judge all keys again."""
+        """Once a second: forget silent strangers and silent new devices; clear remembered decisions on bus keys.
+
+        now: monotonic time, s.
+        """
         self._gate.look(now)
         if self.newcomers is not None:
             devices.forget(now, FORGET_S)

@@ -1,4 +1,4 @@
-"""Forgetting of devices: those that ended long ago, and those that a person wants removed."""
+"""Removal of devices: those that ended long ago, and those that a person wants removed."""
 
 import time
 
@@ -16,21 +16,24 @@ FORGET, ERASE = "forget", "erase"
 
 
 class Forgetting:
-    """Remover of devices from this estimator's memory, from the pages, and from the store if asked to."""
+    """Remover of devices from this estimator's memory, from the pages, and on request from the store."""
 
     def __init__(self, parts: Parts, gate: EnrolmentGate, presence: Presence, checks: PeriodicChecks) -> None:
         self._parts, self._gate, self._presence, self._checks = parts, gate, presence, checks
 
     def look(self, now: float) -> None:
-        """Once a second, at `now` monotonic s: forget devices that ended long ago; the store keeps their entries."""
+        """Once a second: forget devices that ended long ago; their entries in the store remain.
+
+        now: monotonic time, s.
+        """
         for device in self._parts.devices.over(now):
             self._drop(device)
 
     def obey(self, name: str, verb: str, who: str) -> tuple[bool, Sentence]:
-        """Remove a device because a person asked for it; returns whether that was done, and the text of the reply.
+        """Remove a device at a person's request; return whether it was removed, and the text of the reply.
 
         name: device id. verb: FORGET, or ERASE to delete its store entries too. who: the person. A device that still
-        sends or is still listed is not removed.
+        sends, or that the ward file or a bridge still lists, is not removed.
         """
         device = self._parts.devices.get(name)
         if (refusal := self._refusal(name, device)) is not None:
@@ -43,9 +46,9 @@ class Forgetting:
         return True, Code.ERASED(who=who) if verb == ERASE else Code.FORGOTTEN(who=who)
 
     def overhear(self, key: keys.Key) -> None:
-        """Follow a FORGET or ERASE command that another estimator answers, so that no copy of the device remains here.
+        """Drop this estimator's copies of a device when another estimator answers a FORGET or ERASE command.
 
-        key: of the command; names device and verb.
+        key: bus key of the command; contains device id and verb.
         """
         verb = key.ids["verb"]
         if verb in (FORGET, ERASE) and self._refusal(key.device, self._parts.devices.get(key.device)) is None:

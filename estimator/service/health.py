@@ -1,4 +1,4 @@
-"""Health of the service, noted once a second and read from any thread, for /metrics, /healthz and /readyz."""
+"""Health of the service for /metrics, /healthz and /readyz: noted once a second, read from any thread."""
 
 import math
 import time
@@ -20,9 +20,10 @@ STUCK_S = 5.0
 class DeviceHealth(NamedTuple):
     """Health of one device for metrics and alerts.
 
-    status: the latest one published. nis: mean NIS per degree of freedom, about 1 for an honest filter. latency_s:
-    seconds from a sample's receipt to its publication, NaN if unknown. violations: how often received = corrected +
-    dropped did not hold. needs_person: whether a person has to do something. alerts: kinds of the standing alerts.
+    status: the latest one published. nis: mean normalised innovation squared per degree of freedom; about 1 for a
+    consistent filter. latency_s: seconds from a sample's receipt to its publication, NaN if unknown.
+    violations: how often received = corrected + dropped did not hold. needs_person: whether a person has to act.
+    alerts: kinds of the standing alerts.
     """
 
     status: Status
@@ -37,9 +38,11 @@ class DeviceHealth(NamedTuple):
 class Note:
     """Snapshot of the service's health.
 
-    time_s: monotonic s. connected: to a router. store: why the store cannot be written, or empty. devices: by id.
-    violations: how often received = corrected + dropped did not hold. counts: refused and lost messages and samples, by
-    cause. busy: working share of the loop's last second, 0 to 1. alerts: kinds of the estimator's own standing alerts.
+    time_s: monotonic time, s. connected: whether a router is connected. store: why the store cannot be written, or
+    empty.
+    devices: health by device id. violations: how often received = corrected + dropped did not hold. counts: refused and
+    lost messages and samples, by cause. busy: working share of the loop's last second, 0 to 1.
+    alerts: kinds of the estimator's own standing alerts.
     """
 
     time_s: float
@@ -53,9 +56,9 @@ class Note:
 
 
 class ServiceHealth:
-    """Holder of the latest health snapshot, and its answers for /metrics, /healthz and /readyz.
+    """Holder of the latest health snapshot; answers for /metrics, /healthz and /readyz.
 
-    expects: the ward's file lists devices, so hearing none is a fault. clock: monotonic s.
+    expects: whether the ward file lists devices; then hearing none is a fault. clock: returns monotonic time, s.
     """
 
     def __init__(
@@ -67,7 +70,7 @@ class ServiceHealth:
         self._note: Note | None = None
 
     def note(self, note: Note) -> None:
-        """Replace the health snapshot by one assignment, so that a reader on any thread sees the old or the new one."""
+        """Replace the health snapshot. Any thread may read at the same time and gets the old or the new snapshot."""
         self._note = note
 
     @property
@@ -76,15 +79,15 @@ class ServiceHealth:
         return HealthSource(self.families, self.sick, self.unready)
 
     def sick(self) -> list[str]:
-        """Reasons why the process is not alive: its loop is stuck. Empty when it is alive.
+        """Return the reasons for /healthz why the process is not alive: its loop is stuck. Empty while it is alive.
 
-        A process that waits for its first router is alive.
+        A process that waits for its first router counts as alive.
         """
         age = 0.0 if self._note is None else self._clock() - self._note.time_s
         return [f"the service's loop has been stuck for {age:.0f} s"] if age > STUCK_S else []
 
     def unready(self) -> list[str]:
-        """Reasons why the service cannot do its work now, such as a missing router; empty when it can."""
+        """Return the reasons for /readyz why the service cannot work now, such as a missing router; empty if it can."""
         note = self._note
         if note is None:
             return ["no router yet", *self.routers.faults()]
@@ -101,7 +104,7 @@ class ServiceHealth:
         return why
 
     def families(self) -> Iterator[MetricFamily]:
-        """Yield all metrics of the service. Their labels name devices, reasons, states, events, kinds and qualities."""
+        """Yield all metrics of the service, labelled by device, reason, state, event, kind or quality."""
         yield from certificate(self.routers)
         note = self._note
         yield MetricFamily(

@@ -1,4 +1,4 @@
-"""History of one device from the store: calibrations, boots, commands, and the bias over time."""
+"""History of one device, read from the store: calibrations, boots, commands, placements, and the bias over time."""
 
 import re
 from collections.abc import Sequence
@@ -19,10 +19,11 @@ _SECONDS = {"s": 1, "m": 60, "h": 3600, "d": 86400, "w": 604800}
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Biases:
-    """The tracked bias of one boot at m points, oldest first.
+    """Tracked bias of one boot at m points in time, oldest first.
 
-    time_ns (m,): host time, ns since the Unix epoch. bias (m, 3) rad/s and its standard deviation std (m, 3).
-    temperature_c (m,), NaN where unknown. boot: boot id as text.
+    time_ns (m,): host time, ns since the Unix epoch. bias, std (m, 3): bias in the sensor frame and its standard
+    deviation, rad/s.
+    temperature_c (m,): temperature, °C, NaN where unknown. boot: boot id as text.
     """
 
     boot: str
@@ -34,9 +35,10 @@ class Biases:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class History:
-    """The history of one device, oldest first. `boots` and `commands` are rows of the store's tables `boots` and `audit`.
+    """History of one device, every list oldest first.
 
-    The `message` of a command is Sentences.
+    `boots` and `commands` are rows of the store's tables `boots` and `audit`; the `message` of a command is Sentences.
+    `biases`: one element for each boot. `placements`: where and by whom the device was worn.
     """
 
     device: str
@@ -53,7 +55,7 @@ class History:
 def read(store: StoreReader, device: str, since_ns: int = 0) -> History:
     """Read the history of a device from the store: calibrations, boots, commands, biases and placements.
 
-    since_ns: start, ns since the Unix epoch by the host's clock; the placement that held then is included. Raises
+    since_ns: start, ns since the Unix epoch by the host's clock; the placement valid at that time is included. Raises
     StoreError if the store cannot be read.
     """
     where, values, order = "device = ? AND time_ns >= ?", (device, since_ns), "time_ns, rowid"
@@ -81,9 +83,9 @@ def _placements(store: StoreReader, device: str, since_ns: int) -> list[Placemen
 
 
 def ahead(found: History, now_ns: int) -> int:
-    """Count the records of a history whose time lies after now_ns, ns since the Unix epoch.
+    """Count the records of a history that are dated after `now_ns`, ns since the Unix epoch.
 
-    A record from the future means that the clock was wrong when it was written, or is wrong now.
+    A record dated in the future shows that the clock was wrong when it was written, or is wrong now.
     """
     times = [c.time_ns for c in found.calibrations] + [row["time_ns"] for row in (*found.boots, *found.commands)]
     times += [time_ns for of in found.biases for time_ns in of.time_ns.tolist()]
@@ -91,9 +93,10 @@ def ahead(found: History, now_ns: int) -> int:
 
 
 def since(text: str, now: datetime) -> datetime:
-    """Parse a start time: `7d`, `12h`, `30m` before `now` (a datetime with zone), or a date with or without a time.
+    """Parse a start time: `7d`, `12h` or `30m` before `now`, or a date with or without a time of day.
 
-    A date without a zone is in this machine's zone. Raises ValueError, which says what is accepted.
+    now: datetime with time zone. A date without a zone is in this machine's zone. Raises ValueError, which states the
+    accepted forms.
     """
     if match := _SPAN.match(text.strip()):
         try:

@@ -1,4 +1,4 @@
-"""Sample intake: decode one round's messages, admit each batch in turn, correct all together, publish."""
+"""Sample intake: decodes the messages of one round, admits each batch in turn, corrects all together, publishes."""
 
 import logging
 import time
@@ -28,7 +28,7 @@ log = logging.getLogger(__name__)
 class Intake:
     """Pipeline from the sample messages of the roster's devices to their publishers.
 
-    tell(device, outcome): reports what samples led to besides corrected rates, such as calibrations.
+    tell(device, outcome): reports results other than corrected rates, such as calibrations.
     """
 
     def __init__(
@@ -71,7 +71,7 @@ class Intake:
     def hear(self, message: Message) -> None:
         """Process a bridge's device info message: keep the info, and apply it if it belongs to the present boot.
 
-        A calibration that the device made itself and states in the info is offered to its session.
+        If the info contains a calibration that the device made itself, the calibration is offered to the session.
         """
         try:
             info = codec.decode_info(*message)

@@ -1,16 +1,17 @@
-"""Membership of estimators in a ward, and ownership of devices. Pure: `now` is monotonic seconds.
+"""Membership of estimators in a ward, and ownership of devices by rendezvous hashing. Pure: `now` is monotonic time, s.
 
 A device belongs to the live estimator with the highest rendezvous hash. That estimator takes the device under an epoch
-above every epoch it has received, and keeps it until another estimator claims it under a higher one. Subscribers follow
-the highest epoch.
+above every epoch it has received. The estimator keeps the device until another estimator claims it under a higher
+epoch.
+Subscribers follow the highest epoch.
 
-Every estimator must reach the same answer by itself, although each may have heard of different devices. So shares are
-not counted, and are as even as chance makes them (300 devices on three estimators: 100 ± 8 each).
+Every estimator must reach the same answer by itself, although each may know different devices. So devices are not
+counted, and are shared as evenly as chance allows (300 devices on three estimators: 100 ± 8 each).
 
-An epoch is higher than every epoch heard of, so that an owner loses against its successor. It is no lower than the
-time, so that estimators that all restarted and have heard of nothing continue above what subscribers know. Its last
-bits are the estimator's own, so that two estimators on opposite sides of a cut network take one device under different
-epochs.
+An epoch is higher than every epoch received, so that an owner loses against its successor. An epoch is also no
+lower than the time, so that estimators that all restarted continue above the epochs that subscribers know. The last
+bits are derived from the estimator's id. So two estimators on opposite sides of a network partition take one device
+under different epochs.
 """
 
 from collections.abc import Collection, Iterator
@@ -35,9 +36,9 @@ BEYOND = MAX_EPOCH // 4
 
 
 def owner(device: str, estimators: Collection[str]) -> str:
-    """Id of the estimator that owns a device, of at least one estimator: the one with the highest rendezvous hash.
+    """Return the id of the estimator that owns a device: the one with the highest rendezvous hash.
 
-    When an estimator comes or goes, only its devices move.
+    estimators: at least one. When an estimator joins or leaves, only its own devices move.
     """
     return max(estimators, key=lambda name: (_weight(name, device), name))
 
@@ -50,10 +51,10 @@ def _weight(estimator: str, device: str) -> int:
 
 
 def epoch_after(highest: int, now_ns: int, estimator: str) -> int:
-    """Epoch for a takeover: higher than `highest`, the highest epoch received, and no lower than the time now_ns.
+    """Compute the epoch for a takeover: higher than `highest`, and no lower than the time `now_ns`.
 
-    now_ns: ns since the Unix epoch, by a clock that may be wrong. estimator: id whose hash forms the last bits, so that
-    two estimators hardly ever choose the same epoch.
+    highest: highest epoch received. now_ns: host time, ns since the Unix epoch; may be wrong. estimator: id whose hash
+    forms the last bits, so that two estimators hardly ever choose the same epoch.
     """
     turn = max(highest >> _OWN_BITS, now_ns // 1_000_000) + 1
     own_bits = crc32(estimator.encode()) & ((1 << _OWN_BITS) - 1)
@@ -70,9 +71,10 @@ class _Peer:
 
 
 class Membership:
-    """One estimator's view of all live estimators of its ward, and the devices it holds.
+    """View of all live estimators of a ward, as seen from one estimator, and the devices that this estimator holds.
 
-    own: its id. peers: ids seen at the start; without any, there is no hold-off (time in which no device is taken).
+    own: its id. peers: ids of other estimators seen at the start; without peers there is no hold-off (time in which no
+    device is taken). now: monotonic time, s.
     """
 
     def __init__(self, own: str, peers: Collection[str] = (), now: float = 0.0) -> None:
@@ -94,26 +96,29 @@ class Membership:
         return len(self.members) == 1
 
     def ready(self, now: float) -> bool:
-        """Return whether devices may be taken now: the hold-off after a start, an outage or a pause is over.
+        """Return whether devices may be taken now: no hold-off after a start, an outage or a pause is running.
 
-        now: monotonic s.
+        now: monotonic time, s.
         """
         return now >= self._ready_s
 
     def hold_off(self, now: float) -> None:
-        """Start a hold-off after a router outage or our own pause.
+        """Start a hold-off after a router outage or a pause of this process.
 
-        For HOLD_OFF_S after `now`, monotonic s, no member is removed and no device taken.
+        For HOLD_OFF_S seconds after `now`, monotonic time in s, no member is removed and no device taken.
         """
         self._ready_s = now + HOLD_OFF_S
 
     def excuse(self, seconds: float) -> None:
-        """Postpone, by the seconds in which no message could arrive, the time at which silent estimators count as dead."""
+        """Postpone the time at which silent estimators count as dead.
+
+        seconds: time in which no message could arrive, s.
+        """
         for peer in self._peers.values():
             peer.heard_s += seconds
 
     def token(self, name: str, now: float, *, alive: bool) -> None:
-        """Note that an estimator's liveliness token on the bus appeared (alive) or vanished. now: monotonic s."""
+        """Note that an estimator's liveliness token appeared on the bus (alive) or vanished. now: monotonic time, s."""
         peer = self._peers.get(name)
         if peer is not None:
             peer.token = alive
@@ -122,13 +127,13 @@ class Membership:
             self._peers[name] = _Peer(now - LEASE_S)
 
     def hear(self, *epochs: int) -> None:
-        """Raise `highest` to the highest of these epochs; impossibly high ones are ignored."""
+        """Raise `highest` to the highest of these received epochs; impossibly high epochs are ignored."""
         self.highest = max(self.highest, *(epoch for epoch in epochs if epoch < BEYOND), 0)
 
     def said(self, owned: Owned, now: float) -> list[str]:
-        """Note an estimator's ownership message; returns those of our devices that it holds under a higher epoch.
+        """Process an ownership message; returns our devices that its sender holds under a higher epoch.
 
-        now: monotonic s.
+        now: monotonic time, s.
         """
         if owned.estimator == self.own:
             return []
@@ -145,9 +150,9 @@ class Membership:
         return [h.device for h in others if (h.epoch, owned.estimator) > (self.held[h.device], self.own)]
 
     def look(self, now: float) -> tuple[list[str], list[str]]:
-        """Update `members`; return the ids that appeared and those that disappeared since the last call, sorted.
+        """Update `members`; return the ids that appeared and the ids that disappeared since the last call, sorted.
 
-        now: monotonic s.
+        now: monotonic time, s.
         """
         living = {name for name, peer in self._peers.items() if peer.token and now - peer.heard_s < LEASE_S}
         before, there = set(self.members), {self.own, *living}
@@ -161,17 +166,15 @@ class Membership:
     def owns(self, device: str) -> bool:
         """Return whether a device belongs to this estimator, by its hash among the live estimators.
 
-        The device may still be held by another estimator.
+        Another estimator may still hold the device.
         """
         return owner(device, self.members) == self.own
 
     def wants(self, device: str, now: float) -> bool:
-        """Return whether to take a device now: it belongs to us, we do not hold it, and no hold-off is running.
+        """Return whether to take a device now: it belongs to this estimator, is not held, and no hold-off is running.
 
-        now: monotonic s.
-
-        False while another estimator is in a calibration of the device that would lose its turns, and for a while after
-        we lost the device to a live estimator.
+        now: monotonic time, s. False while another estimator is in a calibration of the device, whose turns would be
+        lost. False also for HOLD_OFF_S seconds after this estimator lost the device to a live estimator.
         """
         if device in self.held or not self.ready(now) or not self.owns(device):
             return False
@@ -181,10 +184,10 @@ class Membership:
         return not any(claim.busy for claim in self._claims(device))
 
     def take(self, device: str, now_ns: int) -> int:
-        """Take ownership of a device; returns the epoch (number of the ownership, higher than every one received).
+        """Take ownership of a device; returns the epoch, which is higher than every one received.
 
-        now_ns: host time, ns since the Unix epoch. All devices taken before another estimator takes any share one
-        epoch.
+        now_ns: host time, ns since the Unix epoch. Devices taken in a row share one epoch, until an epoch from another
+        estimator arrives.
         """
         if not self._epoch or self.highest != self._epoch:
             self.highest = self._epoch = epoch_after(self.highest, now_ns, self.own)
@@ -193,9 +196,9 @@ class Membership:
         return self._epoch
 
     def lose(self, device: str, taker: str, now: float) -> None:
-        """Give up a device to the estimator `taker`. now: monotonic s.
+        """Give up a device to the estimator `taker`. now: monotonic time, s.
 
-        The device is not taken back for HOLD_OFF_S, so that it does not move to and fro.
+        The device is not taken back for HOLD_OFF_S seconds, so that it does not move to and fro.
         """
         self.held.pop(device, None)
         self._epoch = 0  # the next take uses a new epoch, also where both epochs were equal
@@ -203,11 +206,14 @@ class Membership:
         self._lost[device] = now + HOLD_OFF_S, taker
 
     def keep(self, devices: Collection[str]) -> None:
-        """Give up all held devices except these ids."""
+        """Give up all held devices except those with these ids."""
         self.held = {device: epoch for device, epoch in self.held.items() if device in devices}
 
     def answers(self, device: str) -> bool:
-        """Return whether we answer commands for a device: it holds the device, or owns one that nobody claims."""
+        """Return whether this estimator answers commands for a device.
+
+        True if it holds the device, or owns a device that no estimator holds.
+        """
         if device in self.held or self.alone:
             return True
         return self.owns(device) and not any(True for _ in self._claims(device))

@@ -1,4 +1,4 @@
-"""The latest moves of devices between estimators, each with its reason, for `truerate cluster status`. Pure."""
+"""Log of the latest moves of devices between estimators, with reasons, for `truerate cluster status`. Pure."""
 
 from collections import deque
 from collections.abc import Callable
@@ -11,7 +11,7 @@ _LATEST = 8
 
 
 class Moves:
-    """Log of the latest moves of devices to and from one estimator, oldest first in `latest`.
+    """Log of the latest moves of devices to and from one estimator; `latest`: oldest first.
 
     now_ns: the host's clock, ns since the Unix epoch.
     """
@@ -21,7 +21,7 @@ class Moves:
         self.latest: deque[Move] = deque(maxlen=_LATEST)
 
     def came(self, devices: int, why: Sentences) -> None:
-        """Record that a number of devices came to this estimator, and why.
+        """Record that `devices` devices came to this estimator, with the reason.
 
         Consecutive arrivals for the same reason count as one move.
         """
@@ -30,5 +30,5 @@ class Moves:
         self.latest.append(Move(self._now_ns(), devices, 0, why))
 
     def left(self, devices: int, taker: str) -> None:
-        """Record that the estimator `taker` took a number of devices from this one."""
+        """Record that the estimator `taker` took `devices` devices from this one."""
         self.latest.append(Move(self._now_ns(), 0, devices, (Code.ESTIMATOR_TOOK(estimator=taker),)))

@@ -1,4 +1,4 @@
-"""Reports what a device's samples led to: logged, stored and published; and window summaries for viewers."""
+"""Reporter of processing results: logs, stores and publishes them, and publishes window summaries for viewers."""
 
 import logging
 import time
@@ -17,7 +17,10 @@ FAILED = "windows failed"
 
 
 class Outcomes:
-    """Reporter of the outcomes of devices' sessions: logs, stores and publishes them."""
+    """Reporter of the outcomes of devices' sessions: logs, stores and publishes them.
+
+    `to_learn`: ids of devices with a finished block of samples that no estimate has used yet, in order.
+    """
 
     def __init__(self, parts: Parts) -> None:
         self._parts = parts
@@ -27,9 +30,9 @@ class Outcomes:
         self.to_learn = dict[str, None]()
 
     def tell(self, device: Device, outcome: Outcome) -> None:
-        """Report an outcome: log its lines, store and publish its calibrations, publish revisions and a changed status.
+        """Report an outcome: log its lines, store and publish calibrations, publish revisions and a changed status.
 
-        A device with a finished block that no estimate has used yet is added to `to_learn`.
+        If the device has a finished block of samples that no estimate has used yet, its id is added to `to_learn`.
         """
         for words in outcome.said:
             log.info("%s: %s", device.name, words)
@@ -48,12 +51,15 @@ class Outcomes:
             self.to_learn[device.name] = None
 
     def learn(self, device: Device) -> None:
-        """Update a device's bias and calibration from its finished block, if one waits."""
+        """Update a device's bias and calibration from its finished block of samples, and report the outcome.
+
+        Does nothing if no finished block waits.
+        """
         if device.session.to_learn:
             self.tell(device, device.session.learn())
 
     def say_windows(self) -> None:
-        """Publish window summaries of the finished blocks, once a round of the run loop.
+        """Publish window summaries (statistics over 0.1 s) of the finished blocks, once a round of the run loop.
 
         A failure is logged and counted; only BusError is raised.
         """

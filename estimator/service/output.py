@@ -1,4 +1,4 @@
-"""Prepare a session's output for the wire: every number within the range that subscribers' decoders accept."""
+"""Range limits for outgoing messages: brings every number into the range that subscribers' decoders accept."""
 
 from dataclasses import replace
 from heapq import nlargest
@@ -17,9 +17,10 @@ _OTHERS = "others"
 
 
 def status(said: Status) -> Status:
-    """Copy of a status with every number clipped to the wire's range; NaN becomes 0, for a std or age the largest.
+    """Return a copy of a status with every number clipped to the wire's range.
 
-    An unknown temperature stays NaN. Counts with too many labels are merged into "others".
+    NaN becomes 0; NaN of a standard deviation or age becomes the largest value. An unknown temperature stays NaN. If
+    there are too many count labels, the rarest are summed as "others".
     """
     return replace(
         said,
@@ -36,7 +37,10 @@ def status(said: Status) -> Status:
 
 
 def linear_accel(found: NDArray[np.float64]) -> bytes:
-    """Pack linear acceleration (n, 3), m/s², as float32 bytes within the wire's range; empty where it is unknown."""
+    """Pack linear acceleration as float32 bytes within the wire's range; empty where it is unknown.
+
+    found (n, 3): acceleration without gravity, m/s².
+    """
     if isnan(found.item(0)):
         return b""
     packed = found.astype(np.float32)
@@ -44,9 +48,9 @@ def linear_accel(found: NDArray[np.float64]) -> bytes:
 
 
 def revision(said: BiasRevision) -> BiasRevision | None:
-    """Copy of a revision without the points that subscribers would refuse, evenly thinned to MAX_POINTS.
+    """Return a copy of a bias revision without the points that subscribers would refuse, evenly thinned to MAX_POINTS.
 
-    None with fewer than MIN_POINTS points left, or with a matrix outside the wire's range.
+    None if fewer than MIN_POINTS points remain, or the matrix is outside the wire's range.
     """
     known = ((said.bias_std >= 0) & (said.bias_std < np.inf) & (np.abs(said.bias) <= MAX_RATE)).all(axis=1)
     known &= (said.sequences <= MAX_SEQUENCE) & (said.times_ns >= 0) & (said.times_ns <= validation.MAX_TIME_NS)

@@ -1,4 +1,4 @@
-"""Overload detection: how busy the estimator's loop is. Pure."""
+"""Overload detection: measures which share of the time the estimator's loop is busy. Pure."""
 
 import logging
 from collections.abc import Iterable
@@ -20,7 +20,10 @@ _DO = "use fewer devices, a lower rate, a faster machine, or a second estimator 
 
 
 class Overload:
-    """Overload detector of the run loop: `idle` adds idle time, `look` checks once a second. now: s of a steady clock."""
+    """Overload detector of the run loop: `idle` adds idle time, `look` checks once a second.
+
+    now: monotonic time, s. `busy`: busy share of the time between the last two checks, 0 to 1.
+    """
 
     def __init__(self, now: float) -> None:
         self._looked, self._idle_s = now, 0.0
@@ -30,13 +33,17 @@ class Overload:
         self.busy = 0.0
 
     def idle(self, seconds: float) -> None:
-        """Add seconds in which the loop had nothing to do."""
+        """Add time in which the loop had nothing to do.
+
+        seconds: this time, s.
+        """
         self._idle_s += seconds
 
     def look(self, now: float) -> int:
-        """Check at `now` whether the loop keeps up; returns the seconds of overload so far, 0 while it keeps up.
+        """Check at monotonic time `now`, s, whether the loop keeps up; returns the seconds of overload so far, else 0.
 
-        An overload begins when the loop is busier than BUSY for PERSISTS_S, and ends after OVER_S without.
+        An overload begins when the busy share exceeds BUSY for PERSISTS_S seconds. The overload ends after OVER_S
+        seconds below.
         """
         passed_s, self._looked = now - self._looked, now
         if passed_s > 0:
@@ -60,12 +67,15 @@ class Overload:
 
 
 def found(statuses: Iterable[Status]) -> list[Sentence]:
-    """Overload notice with advice, a list of one sentence, if a status reports an overloaded estimator; else empty."""
+    """Return the overload notice, with advice, as a list of one sentence; empty if no status reports an overload."""
     seconds = max((status.events.get(OVERLOADED, 0) for status in statuses), default=0)
     return [Code.ESTIMATOR_OVERLOADED(duration_s=seconds)] if seconds else []
 
 
 def unkept(statuses: Iterable[Status]) -> list[Sentence]:
-    """Notice that an estimator cannot write its store, as a list of one sentence, if a status says so; else empty."""
+    """Return the notice that an estimator cannot write its store, as a list of one sentence.
+
+    Empty if no status reports it.
+    """
     devices = sum(UNKEPT in status.events for status in statuses)
     return [Code.STORE_FAILING(devices=devices)] if devices else []

@@ -1,4 +1,4 @@
-"""Alerts of the estimator itself: disk, clock, certificate and backup of its machine."""
+"""Alerts about the estimator itself: disk, clock, certificate and backups of its machine."""
 
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -17,11 +17,11 @@ LOOK_S = 30.0
 
 
 class OwnAlerts:
-    """Alert board of an estimator, for its machine: disk, clock, certificate and backups.
+    """Alert board of an estimator for its machine: disk, clock, certificate and backups.
 
     own: id of the estimator. standing: alerts raised before a restart. told(change): called for each change.
-    copies_fail(): whether backups are not copied to the bucket. now_s: monotonic s. look_up(work): runs work that may
-    wait for a disk.
+    copies_fail(): whether copying backups to the bucket fails. now_s: monotonic time, s. look_up(work): runs work that
+    may wait for a disk.
     """
 
     def __init__(
@@ -56,7 +56,10 @@ class OwnAlerts:
         self._machine = frozenset(found)
 
     def look(self, now: float, time_ns: int) -> None:
-        """Raise and clear the estimator's alerts, once a second. now: monotonic s. time_ns: ns since the Unix epoch."""
+        """Once a second: raise and clear the estimator's alerts.
+
+        now: monotonic time, s. time_ns: ns since the Unix epoch.
+        """
         if now >= self._next_s:
             self._next_s = now + LOOK_S
             self._look_up(self._look_at_machine)
@@ -69,7 +72,7 @@ class OwnAlerts:
             self._told(change)
 
     def acknowledge(self, kind: str, who: str, time_ns: int) -> list[Change]:
-        """Acknowledge the alert of a kind, or with "" all alerts; returns those that nobody had acknowledged before.
+        """Acknowledge alerts of a kind, or all if `kind` is empty; returns those that nobody had acknowledged before.
 
         who: the person. time_ns: host time, ns since the Unix epoch.
         """

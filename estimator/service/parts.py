@@ -1,4 +1,4 @@
-"""Parts of a running estimator that its modules share."""
+"""Shared parts of a running estimator, which its modules pass to each other."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -16,7 +16,8 @@ class Parts:
     """Shared parts of one running estimator.
 
     now_ns: the host's clock, ns since the Unix epoch. counts: the ward's counts of refused and lost messages. devices:
-    the roster. record: access to the store. troubles: events of the whole estimator, in every device's status.
+    the roster. record: access to the store.
+    troubles: event counts of the whole estimator, reported in every device's status.
     """
 
     ward: str

@@ -1,6 +1,6 @@
-"""Periodic checks, once a second: the conservation law, and the snapshot for health and metrics.
+"""Periodic checks, once a second: conservation of samples, and the snapshot for health and metrics.
 
-The law: every sample that came in went out, or was dropped and counted with a reason.
+Conservation law: every sample that came in went out, or was dropped and counted with a reason.
 """
 
 import logging
@@ -27,7 +27,7 @@ TOLD_S = 10.0
 class SampleAccount(NamedTuple):
     """Sample counts of one device: `came` in, `out` corrected and published, and `dropped` with a reason.
 
-    `refused` samples came from another bridge and do not count as `came`.
+    `refused` samples came from another bridge and are not part of `came`.
     """
 
     came: int
@@ -37,9 +37,9 @@ class SampleAccount(NamedTuple):
 
 
 class PeriodicChecks:
-    """Checker, once a second: compares samples in with samples out and dropped, and notes the service's health.
+    """Once-a-second checker: compares numbers of samples in, out and dropped, and takes the service's health snapshot.
 
-    counts: the ward's counts. vitals: takes the health snapshot.
+    counts: the ward's counts. vitals: receives the health snapshot.
     """
 
     def __init__(self, devices: DeviceRoster, counts: Tally, vitals: ServiceHealth) -> None:
@@ -54,13 +54,13 @@ class PeriodicChecks:
         self._next_s = float("-inf")
 
     def came(self, samples: int) -> None:
-        """Add the number of samples that were decoded."""
+        """Add a number of decoded samples."""
         self._decoded += samples
 
     def check(self) -> None:
-        """Check the conservation law between two rounds; each new violation is counted, and logged once per device.
+        """Check the conservation law: every sample that came in went out, or was dropped with a reason.
 
-        The law: every sample that came in went out, or was dropped with a reason.
+        Call it between two rounds of the run loop. Each new violation is counted, and logged once per device.
         """
         accounts = {name: _account(device) for name, device in self._devices.items()}
         for name in self._last.keys() - accounts.keys():
@@ -85,7 +85,7 @@ class PeriodicChecks:
             device.session.count_event(EVENT)
 
     def remove(self, devices: Sequence[Device]) -> None:
-        """Take devices out of the roster, and out of the count of samples in and out."""
+        """Remove devices from the roster, and from the count of samples in and out."""
         self.check()  # while the devices still count
         for device in devices:
             self._leave(device.name)
@@ -98,7 +98,7 @@ class PeriodicChecks:
         self._unaccounted.pop(name, None)
 
     def see(self, device: Device) -> None:
-        """Note the health of a device for the next snapshot, once it has published a status."""
+        """Record the health of a device for the next snapshot, if the device has published a status."""
         if device.latest is not None:
             nis, violations = device.session.tracker.doubt.consistency.mean_nis, self._violations[device.name]
             needs = needs_person(device.latest, device.session.info)
@@ -108,10 +108,10 @@ class PeriodicChecks:
     def note(
         self, now: float, store: str, counts: dict[str, int], *, connected: bool, busy: float, alerts: tuple[str, ...]
     ) -> None:
-        """Publish the health snapshot, with the last noted health of every device still in the roster; log the totals.
+        """Publish the health snapshot of all devices in the roster, and log the totals.
 
-        now: monotonic s. store: why the store cannot be written, or empty. busy: working share of the loop, 0 to 1.
-        alerts: kinds of the estimator's own standing alerts.
+        now: monotonic time, s. store: why the store cannot be written, or empty. counts: the ward's counts. busy:
+        working share of the loop, 0 to 1. alerts: kinds of the estimator's own standing alerts.
         """
         self.log(now, counts)
         devices = {name: seen for name, seen in self._seen.items() if name in self._devices}
@@ -119,9 +119,9 @@ class PeriodicChecks:
         self._vitals.note(Note(now, connected, store, devices, self._violations.total(), counts, busy, alerts))
 
     def log(self, now: float, counts: dict[str, int], *, last: bool = False) -> None:
-        """Log the counts if they changed since the last log line, at most every TOLD_S unless `last`.
+        """Log the counts if they changed since the last log line, at most every TOLD_S seconds unless `last`.
 
-        now: monotonic s.
+        now: monotonic time, s.
         """
         if counts == self._logged or (now < self._next_s and not last):
             return

@@ -1,8 +1,8 @@
-"""Presence of devices and bridges by liveliness tokens: a hint, kept per boot. Only samples are proof.
+"""Presence of devices and bridges by liveliness tokens on the bus. A token is a hint; only samples are proof.
 
-Tokens travel apart from samples and may overtake them or come late. So the death of one boot's token says nothing of
-another boot, and a birth revives no device. Changes arrive on a thread of the bus and are processed by the service's
-own.
+Tokens travel apart from samples and may overtake them or come late. So the end of one boot's token says nothing about
+another boot, and a new token does not make a lost device live. Changes arrive on a thread of the bus and are processed
+by the service's own thread.
 """
 
 from collections import deque
@@ -24,7 +24,7 @@ class _Token(NamedTuple):
 
 
 class Presence:
-    """Record of which devices' boots and bridges have a liveliness token on the bus. now: monotonic s."""
+    """Record of the device boots and bridges that have a liveliness token on the bus."""
 
     def __init__(self, counts: Tally) -> None:
         self._counts = counts
@@ -34,11 +34,11 @@ class Presence:
         self._forgot = False
 
     def change(self, key: str, alive: bool) -> None:  # noqa: FBT001 - the bus's contract
-        """Queue the birth or death of a token; called on a thread of the bus. key: bus key of the token."""
+        """Queue the appearance (alive) or end of a token; called on a thread of the bus. key: bus key of the token."""
         self._waiting.append((key, alive))
 
     def note(self, now: float) -> None:
-        """Process the queued births and deaths of tokens, at `now`, monotonic s."""
+        """Process the queued token changes. now: monotonic time, s."""
         while self._waiting:
             name, alive = self._waiting.popleft()
             try:
@@ -52,15 +52,18 @@ class Presence:
                 del self._tokens[next(iter(self._tokens))]
 
     def forget(self) -> None:
-        """Forget all tokens: they vanish with the router, which says nothing about devices."""
+        """Forget all tokens when the router is gone.
+
+        Tokens vanish with the router, which says nothing about the devices.
+        """
         self._forgot = True
         self._waiting.clear()
         self._tokens.clear()
 
     def gone(self, device: str, boot: int, bridge: str, now: float) -> bool:
-        """Return whether a live bridge has withdrawn the token of exactly this boot, for at least SETTLED_S.
+        """Return whether a live bridge withdrew the token of exactly this boot at least SETTLED_S seconds ago.
 
-        now: monotonic s.
+        now: monotonic time, s.
         """
         token, there = self._of(device, boot), self._tokens.get((bridge,))
         if token is None or token.alive or there is None or not there.alive:
@@ -68,7 +71,7 @@ class Presence:
         return now - max(token.since_s, there.since_s) >= SETTLED_S
 
     def heard(self, device: str, boot: int, bridge: str) -> bool:
-        """Return whether a live bridge states that it receives exactly this boot."""
+        """Return whether a live bridge reports by token that it receives exactly this boot."""
         token = self._of(device, boot)
         return token is not None and token.alive and self.alive(bridge)
 
@@ -78,7 +81,10 @@ class Presence:
         return there is not None and there.alive
 
     def why(self, device: str, boot: int, bridge: str) -> Sentences:
-        """Return the reasons, known from tokens, why nothing arrives from a device; () if there are none."""
+        """Return the reasons, known from tokens, why nothing arrives from a device in this boot.
+
+        Empty if there are none.
+        """
         there, token = self._tokens.get((bridge,)), self._of(device, boot)
         if there is not None and not there.alive:
             return (Code.BRIDGE_GONE(bridge=bridge),)

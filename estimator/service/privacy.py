@@ -1,4 +1,7 @@
-"""Find a ward's files that other users of the machine can read: they show how patients move, and who may command."""
+"""Privacy check of a ward's files: finds those that other users of the machine can read.
+
+Such files reveal how patients move, and who may command.
+"""
 
 import stat
 from collections.abc import Iterable, Iterator
@@ -10,10 +13,10 @@ _READ, _ENTER = stat.S_IROTH, stat.S_IXOTH
 
 
 def exposed(file: Path, ward: Ward) -> list[Path]:
-    """Paths of a ward's private files that every user of this machine can read; empty if there are none.
+    """Return the paths of a ward's private files that every user of this machine can read; empty if there are none.
 
-    Looks at the ward file with password hashes, the people file, addresses of alerts, store, backups and recordings.
-    file: path of the ward file.
+    file: path of the ward file. Checked are the ward file if it has password hashes, the people file, addresses of
+    alerts, store, backups and recordings.
     """
     folders, files = list[Path](), [Path(ward.alerts.urls_file)] if ward.alerts.urls_file else []
     if ward.dashboard.people:
@@ -33,7 +36,7 @@ def exposed(file: Path, ward: Ward) -> list[Path]:
 
 
 def advice(paths: Iterable[Path]) -> tuple[str, str]:
-    """Text of what is wrong with exposed files, and text of the remedy. paths: at least one."""
+    """Return two texts about exposed files: the fault, and the remedy. paths: at least one."""
     first, *more = paths
     others = f" and {len(more)} more" if more else ""
     return f"every user of this machine can read {first}{others}", f"chmod o-rwx {first.parent}, or the files in it"

@@ -1,4 +1,4 @@
-"""Quotas: each device's messages wait in their own queue, so that a flooding device delays no other. Pure."""
+"""Message quotas: each device's messages wait in their own queue, so a flooding device delays no other. Pure."""
 
 from collections import deque
 from collections.abc import Callable, Collection, Sequence
@@ -51,7 +51,8 @@ class _Queue:
 class Quotas:
     """Fair queue of bus messages: a round of the run loop takes at most SHARE messages of each key, in their order.
 
-    At most QUOTA messages of a key wait; beyond that the oldest are dropped. dropped(key, messages): called with their number.
+    At most QUOTA messages of a key wait; beyond that the oldest are dropped. dropped(key, messages): called with the
+    number of messages dropped.
     """
 
     def __init__(self, dropped: Callable[[str, int], None]) -> None:
@@ -65,9 +66,9 @@ class Quotas:
         return key in self._queues
 
     def round(self, messages: Sequence[Message]) -> list[Message]:
-        """Queue messages; returns those to process in this round, at most SHARE_BYTES of each key.
+        """Queue messages; returns those to process in this round, at most SHARE_BYTES bytes of each key.
 
-        Each message counts for at least 1024 bytes. Beyond QUOTA_BYTES the oldest messages of a key are dropped.
+        Each message counts for at least 1024 bytes. Beyond QUOTA_BYTES bytes the oldest messages of a key are dropped.
         """
         if not self._queues and len({message.key for message in messages}) == len(messages) <= ROUND:
             return list(messages)  # one message of each key, as usual: nothing has to wait
@@ -87,7 +88,7 @@ class Quotas:
         return taken
 
     def devices(self) -> set[str]:
-        """Ids of the devices with waiting messages."""
+        """Return the ids of the devices with waiting messages."""
         return {_device(key) for key in self._queues}
 
     def drop(self, devices: Collection[str]) -> None:

@@ -28,7 +28,7 @@ Reached = tuple[int, int, int, str]
 
 
 class ReplayLog:
-    """Log of all devices' sample messages of the last REPLAY_S, for a takeover. now: monotonic s."""
+    """Log of all devices' sample messages of the last REPLAY_S seconds, for a takeover."""
 
     def __init__(self) -> None:
         self._order: deque[tuple[float, str]] = deque()  # arrival time and device of each message
@@ -48,7 +48,7 @@ class ReplayLog:
         self.tidy(now)
 
     def tidy(self, now: float) -> None:
-        """Drop messages older than REPLAY_S at `now`, monotonic s, or beyond REPLAY_BYTES in all, oldest first."""
+        """Drop messages older than REPLAY_S seconds at `now`, monotonic s, or beyond REPLAY_BYTES in total."""
         order = self._order
         while order and (order[0][0] < now - REPLAY_S or self._size > REPLAY_BYTES):
             _, device = order.popleft()
@@ -74,18 +74,21 @@ class ReplayLog:
         return set(self._kept)
 
     def of(self, devices: Collection[str]) -> dict[str, list[Message]]:
-        """Kept messages of these devices, by device, each device's in order of arrival."""
+        """Return the kept messages of these devices, by device, in order of arrival."""
         return {device: list(self._kept.get(device, ())) for device in devices}
 
 
 class Resumed:
-    """Progress of each device before a restart, to recognise samples corrected then. now: monotonic s."""
+    """Progress of each device before a restart; recognises replayed samples that were corrected then.
+
+    reached: boot, sequence number, host time (ns since the Unix epoch) and bridge, by device. now: monotonic s.
+    """
 
     def __init__(self, reached: Mapping[str, Reached], now: float) -> None:
         self._reached, self._until = dict(reached), now + LASTS_S
 
     def lasts(self, now: float) -> bool:
-        """Return whether replayed samples may still arrive at `now`, monotonic s: for LASTS_S after the start."""
+        """Return whether replayed samples may still arrive at `now`, monotonic s: within LASTS_S of the start."""
         if self._reached and now >= self._until:
             self._reached = {}
         return bool(self._reached)
@@ -93,7 +96,7 @@ class Resumed:
     def done(self, samples: Samples) -> bool:
         """Return whether samples were corrected before the restart, by boot, sequence number and host time.
 
-        Samples of another run under the same boot number were not: they are later.
+        False for samples of another run under the same boot number: their host time is later.
         """
         boot, following, time_ns, _ = self._reached.get(samples.device, (-1, 0, 0, ""))
         before = samples.receive_time_ns < time_ns - OVERLAP_S * 1e9
@@ -109,9 +112,9 @@ class Resumed:
 
 
 def since(messages: Sequence[Message], boot: int, following: int) -> list[Message]:
-    """Messages that a session still needs: those not wholly before sample number `following` of its boot.
+    """Select the messages that a session still needs: none that end before sample number `following` of its boot.
 
-    messages: in order of arrival. Consecutive ones are merged into few large ones.
+    messages: in order of arrival. Consecutive messages are merged into few large ones.
     """
     left = [(message, _read(message)) for message in messages]
     ends = {n: _end(raw) for n, (_, raw) in enumerate(left) if raw is not None and raw.boot == boot}

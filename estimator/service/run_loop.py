@@ -1,4 +1,4 @@
-"""Run loop of the estimator: the only thread that touches sessions and store, between the bus and the pure cores."""
+"""Run loop of the estimator: the only thread that changes sessions and store, between the bus and the pure cores."""
 
 import logging
 import math
@@ -63,13 +63,13 @@ MISSING_S = 10.0
 
 
 class Service:
-    """Running estimator on a session of the bus.
+    """Running estimator of a ward on a session of the bus.
 
-    now_ns: the host's clock, ns since the Unix epoch. vitals: takes the health snapshots. clerk: the store's thread.
+    now_ns: the host's clock, ns since the Unix epoch. vitals: receives the health snapshots. clerk: the store's thread.
     enrolment: the `[devices]` table of the ward file; None admits every device. peers: ids of other estimators of the
-    ward that were seen already. file: the ward file, which may change.
-    send(subject, placement, change): takes alerts and all-clears for people. sends(alerts): takes changed settings of
-    alerts. copies_fail(): whether the copies of backups failed.
+    ward seen before. file: the ward file, which may change.
+    send(subject, placement, change): receives alerts and all-clears for people. sends(alerts): receives changed
+    settings of alerts. copies_fail(): whether copying backups failed.
     """
 
     def __init__(
@@ -145,7 +145,7 @@ class Service:
         ]
 
     def run(self, stop: threading.Event) -> None:
-        """Serve until `stop` is set; then correct the last samples, store the biases and leave the bus."""
+        """Serve until `stop` is set; then correct the last samples, store the biases and close all connections."""
         log.info("estimator %s serves ward %s, store %s", self.settings.id, self.ward, self._store.path)
         while not stop.is_set():
             self.step(0.05)
@@ -171,9 +171,10 @@ class Service:
         log.info("estimator %s stopped", self.settings.id)
 
     def step(self, timeout_s: float) -> int:
-        """Run one round: process samples, commands and the work whose time has come.
+        """Run one round of the loop: process samples, commands, and periodic work that is due.
 
-        timeout_s: seconds to wait for a sample message. Returns how many sample messages arrived or still wait.
+        timeout_s: longest wait for a sample message, s. Returns the number of sample messages that arrived or still
+        wait.
         """
         waits = time.monotonic()
         hurry = len(self._quotas) > 0 or bool(self._outcomes.to_learn) or bool(self._to_look)
@@ -200,7 +201,10 @@ class Service:
         return len(messages) + len(self._quotas)
 
     def work(self, until: float = math.inf) -> None:
-        """Update estimates from finished blocks and do once-a-second work until a monotonic time, s; the rest waits."""
+        """Update estimates from finished blocks of samples, and do the once-a-second work of devices.
+
+        until: monotonic time, s, at which the work pauses; the rest waits for the next call.
+        """
         for waiting, do in ((self._outcomes.to_learn, self._outcomes.learn), (self._to_look, self._look_after)):
             while waiting:
                 if (device := self._devices.get(name := next(iter(waiting)))) is not None:

@@ -1,4 +1,4 @@
-"""`truerate estimator serve`: start the estimator with its store, signals, and the wait for a router."""
+"""Command `truerate estimator serve`: starts the estimator with its store and signal handlers."""
 
 import gc
 import logging
@@ -43,8 +43,8 @@ _LEARNING = ("filterpy.kalman", "scipy.linalg", "scipy.optimize", "scipy.spatial
 def run(ward: Ward, file: WardFile[Ward] | None = None) -> None:
     """Run the estimator of a ward until SIGINT or SIGTERM; waits for a missing router.
 
-    file: the ward file, which may change. Raises ValueError if no estimator is configured, StoreError where another
-    estimator uses the store or the file is no store, and BusError where an estimator of this id runs already.
+    file: the ward file, which may change. Raises ValueError if no estimator is configured; StoreError if another
+    estimator uses the store or the file is no store; BusError if an estimator of this id runs already.
     """
     if ward.estimator is None:
         raise ValueError("the ward file has no table [estimator]: add it")
@@ -100,9 +100,9 @@ def run(ward: Ward, file: WardFile[Ward] | None = None) -> None:
 
 
 def copied(ward: Ward) -> Mirror | None:
-    """Start to copy the estimator's backups to the bucket of [s3].
+    """Start copying the estimator's backups to the bucket of [s3].
 
-    Returns the running copier; None where the ward does not ask for copies. Raises ConfigError for a missing package or
+    Returns the running copier; None if the ward file asks for no copies. Raises ConfigError for a missing package or
     access key.
     """
     if ward.s3 is None or not ward.s3.backups or ward.estimator is None:

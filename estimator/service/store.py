@@ -1,7 +1,7 @@
 """Estimator store of a ward: calibrations, boots, biases, placements, alerts, and an audit of commands.
 
-Calibrations are appended and never changed. Only the latest bias of a boot is kept. Old boots and old points of the
-bias history are thinned (`retention`).
+Calibrations are appended and never changed. Of each boot only the latest bias is kept. Old boots and old points of the
+bias history are thinned by the rules of `retention`.
 """
 
 from collections import Counter
@@ -35,18 +35,21 @@ _VERSION = version("truerate")
 
 
 class Store(StoreReader):
-    """Open store of a ward's devices, to read and write.
+    """Open store of a ward's devices, for reading and writing.
 
     path: the file, or an open Database. patient: an unreadable file raises no error (see Database).
-    Only the writing thread calls `add_…`, `save_…`, `repeat`, `erase` and `thin`; any thread may call the rest. Writing
-    methods raise StoreError.
+    Only the writing thread may call `add_…`, `save_…`, `repeat`, `erase` and `thin`; any thread may call the rest.
+    Writing methods raise StoreError if the write fails.
     """
 
     def __init__(self, path: Path | str | Database, *, patient: bool = False) -> None:
         super().__init__(path if isinstance(path, Database) else Database(path, patient=patient))
 
     def add_calibration(self, c: Calibration) -> None:
-        """Append an accepted calibration; a known id changes nothing. Raises ValueError for another verdict."""
+        """Append an accepted calibration; a known id changes nothing.
+
+        Raises ValueError if its verdict is not ACCEPTED.
+        """
         if c.verdict is not Verdict.ACCEPTED:
             raise ValueError(f"a calibration with verdict {c.verdict.name} is not stored")
         row: Row = {"id": c.id, "device": c.device, "boot": keys.boot_id(c.boot), "time_ns": c.time_ns}
@@ -86,12 +89,14 @@ class Store(StoreReader):
     ) -> None:
         """Store the latest bias of a boot for a restart; with `history` also as a point of the bias history.
 
-        time_ns: host time, ns since the Unix epoch. doubted: whether the bias was in doubt. calibration: id of the one
-        in use.
-        asked: who asked for a recalibration in progress, and why. reached: sequence number and host time, ns, of the
-        last sample the bias knows of; None while the device is being turned. bridge: the one whose samples of the
-        device are used.
-        session: the whole session as bytes, or empty (DeviceSession.state).
+        time_ns: host time, ns since the Unix epoch. state: bias in rad/s with covariance. doubted: whether the bias is
+        in doubt.
+        calibration: id of the calibration in use. asked: person who requested the recalibration in progress, and the
+        reason.
+        reached: sequence number and host time, ns since the Unix epoch, of the last sample used for the bias; None
+        while turns of a calibration are in progress.
+        bridge: id of the bridge whose samples are used. session: the whole session as bytes (DeviceSession.state), or
+        empty.
         """
         # A restored tracker starts anew with all states except the filter's own.
         x, P = state.x[:OWN].tolist(), state.P[:OWN, :OWN].tolist()
@@ -107,7 +112,7 @@ class Store(StoreReader):
                 self.database.insert("bias_history", row | {"temperature_c": celsius})
 
     def save_epoch(self, epoch: int) -> None:
-        """Store the highest known ownership epoch, in place of the one before."""
+        """Store the highest known epoch (number of an ownership), in place of the stored one."""
         row: Row = {"number": 1, "epoch": epoch}
         self.database.insert("epochs", row, "ON CONFLICT DO UPDATE SET epoch = excluded.epoch")
 
@@ -125,21 +130,22 @@ class Store(StoreReader):
     ) -> None:
         """Append to the audit: a command with its outcome, or a calibration that the estimator refused.
 
-        time_ns: host time, ns since the Unix epoch. request_id: of the command. who: asked. message: the reply.
+        time_ns: host time, ns since the Unix epoch. verb, request_id: of the command. who: the person. reason: given by
+        the person. message: the reply.
         """
         row: Row = {"time_ns": time_ns, "device": device, "verb": verb, "request_id": request_id, "who": who}
         self.database.insert("audit", row | {"reason": reason, "accepted": int(accepted), "message": written(message)})
 
     def add_placement(self, device: str, one: Placement) -> None:
-        """Append a device's placement (where and by whom it is worn), which ends the one before.
+        """Append a device's placement (where and by whom it is worn), which ends the previous placement.
 
-        An empty placement says that nobody wears the device any more.
+        An empty placement means that nobody wears the device any more.
         """
         row: Row = {"device": device, "time_ns": one.since_ns, "segment": one.segment, "side": one.side}
         self.database.insert("placements", row | {"wearer": one.wearer, "who": one.who})
 
     def save_alert(self, device: str, one: Alert, time_ns: int, *, cleared: bool) -> None:
-        """Store an alert, or its acknowledgement or end. device: id of a device or an estimator.
+        """Store an alert when it is raised, acknowledged or ended. device: id of a device or an estimator.
 
         time_ns: host time of this change, ns since the Unix epoch. cleared: whether the alert has ended.
         """
@@ -149,7 +155,7 @@ class Store(StoreReader):
         self.database.insert("alerts", row, f"ON CONFLICT (device, kind, raised_ns) DO UPDATE SET {changed}")
 
     def repeat(self, device: str, boot: int, time_ns: int, made: Iterable[str] = ()) -> None:
-        """Note that another power-up has this boot number: stored calibrations and bias belong to the earlier one.
+        """Record that another power-up used this boot number before: stored calibrations and bias belong to that one.
 
         time_ns: host time, ns since the Unix epoch. made: ids of calibrations of the earlier power-up that are still to
         be written.
@@ -181,9 +187,9 @@ class Store(StoreReader):
         self.database.insert("bias", row, filled)
 
     def thin(self, device: str, now_ns: int) -> Counter[str]:
-        """Delete the old rows of a device, by the rules of `retention`. now_ns: host time, ns since the Unix epoch.
+        """Delete the old rows of a device by the rules of `retention`; returns the number of deleted rows by table.
 
-        Returns the number of rows deleted, by table.
+        now_ns: host time, ns since the Unix epoch.
         """
         deleted = Counter[str]()
         with self.database.transaction():

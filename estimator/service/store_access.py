@@ -1,8 +1,8 @@
 """Store access of the service: no sample waits for the disk, and no disk failure stops the service.
 
-A calibration is published once it is on disk, or after half a second of a failing disk. Writes that fail wait in memory
-and are tried again (`StoreWriter`). Another estimator's checkpoint of a device it owned counts as much as what is
-stored here (`replicas`); `tell` publishes checkpoints of our devices.
+A calibration is published once it is on disk, or after half a second if the disk fails. Failed writes wait in memory
+and are retried (`StoreWriter`). A checkpoint from an estimator that owned the device counts as much as the store's own
+entries (`replicas`).
 """
 
 import logging
@@ -43,7 +43,8 @@ class StoreAccess:
     """Reads and writes of the ward's store for the service; no method raises StoreError.
 
     clerk: the store's thread. replicas: checkpoints from other estimators. tell(device): publishes its checkpoint.
-    guard(device, work): runs one device's work and contains its failures.
+    guard(device, work): runs one device's work and contains its failures. now_ns: the host's clock, ns since the Unix
+    epoch.
     """
 
     def __init__(
@@ -69,11 +70,14 @@ class StoreAccess:
 
     @property
     def trouble(self) -> str:
-        """Reason why the store cannot be written now; empty when it can."""
+        """Reason why the store cannot be written now; empty if it can."""
         return self._store.database.trouble
 
     def collect(self, now: float) -> None:
-        """Call back for finished writes, and release what has waited too long for a failing disk. now: monotonic s."""
+        """Call back for finished writes; release calibrations and replies that waited too long for a failing disk.
+
+        now: monotonic time, s.
+        """
         self._clerk.collect()
         while self._due and (self._due[0][0] <= now or self.trouble):
             _, do = self._due.popleft()
@@ -88,8 +92,8 @@ class StoreAccess:
     def recall(self, device: Device, boot: int) -> PriorKnowledge | None:
         """Look up the knowledge of exactly this boot: its calibration, and the bias last tracked.
 
-        Sources are the disk, pending writes and other estimators' checkpoints. None if there is none, or if the boot
-        number was used by another power-up.
+        Sources are the disk, pending writes and other estimators' checkpoints. None if nothing is known, or if another
+        power-up used the boot number.
         """
         if device.repeated == boot:
             return None  # all of it belongs to another power-up
@@ -117,7 +121,7 @@ class StoreAccess:
         return ours
 
     def stopped(self, device: str, boot: int) -> Checkpoint | None:
-        """Checkpoint of a boot that this estimator stored when it was stopped in order, or None."""
+        """Return the checkpoint of a boot that this estimator stored at an orderly stop, or None."""
         state, bridge = self._store.session(device, boot)
         if not state:
             return None
@@ -126,7 +130,8 @@ class StoreAccess:
     def holds(self, device: Device, known: Checkpoint) -> bool:
         """Return whether another estimator's checkpoint agrees with the calibrations stored here.
 
-        If it does, its calibration is stored here, too. False if it is of an earlier power-up or was superseded here.
+        If it agrees, its calibration is stored here, too. False if its calibration belongs to an earlier power-up or
+        was superseded here.
         """
         if (said := calibrated(known)) is None:
             return True
@@ -136,12 +141,10 @@ class StoreAccess:
         return True
 
     def calibration(self, device: Device, c: Calibration, now: float) -> None:
-        """Store a new calibration with the bias, and publish it once on disk, or after HELD_S if the disk fails.
+        """Store a new calibration with the bias; publish it once on disk, or after 0.5 s if the disk fails.
 
-        now: monotonic s.
-
-        A calibration that subscribers could not decode is neither stored nor published. A rejected one goes to the
-        audit.
+        now: monotonic time, s. A calibration that subscribers could not decode is neither stored nor published. A
+        rejected calibration is recorded in the audit.
         """
         payload = codec.encode_calibration(replace(c, epoch=device.epoch))
         try:
@@ -163,7 +166,7 @@ class StoreAccess:
             device.say_calibration(c.id, payload)
 
     def keep(self, device: Device, c: Calibration) -> None:
-        """Store an accepted calibration of a device, made here or elsewhere; rates held for it are then published."""
+        """Store an accepted calibration, made here or by another estimator; then publish the rates held back for it."""
         self._pending[c.id] = c
 
         def saved() -> None:
@@ -188,12 +191,12 @@ class StoreAccess:
     # ---- boots ------------------------------------------------------------------------------------------------------
 
     def boot(self, info: DeviceInfo) -> None:
-        """Store the start of a boot with the device's settings from its info."""
+        """Store the start of a boot, with the device's settings from its info."""
         time_ns = self._now_ns()
         self._write(lambda: self._store.add_boot(info, time_ns))
 
     def started_over(self, info: DeviceInfo, why: Sentences) -> None:
-        """Note in the audit, once a boot, that a device is calibrated from scratch. why: the reasons."""
+        """Record in the audit, once a boot, that a device must be calibrated from scratch. why: the reasons."""
         request = keys.boot_id(info.boot)
         row = (self._now_ns(), info.device, SCRATCH, request, "estimator", "", why)
 
@@ -204,10 +207,10 @@ class StoreAccess:
         self._write(once)
 
     def repeat(self, device: Device, boot: int, *more: Calibration) -> None:
-        """Note that another power-up has this boot number and needs a new calibration.
+        """Record that another power-up used this boot number before, so that the device needs a new calibration.
 
-        more: unwritten calibrations of the earlier power-up. The other estimators are told at once: if this estimator
-        is killed, one that takes the device over may have the old calibration under that number.
+        more: calibrations of the earlier power-up that are still to be written. The other estimators are informed at
+        once: after a crash of this one they might use the old calibration for this boot number.
         """
         device.repeated = boot
         self._replicas.forget(device.name)
@@ -223,23 +226,25 @@ class StoreAccess:
     # ---- where it was -----------------------------------------------------------------------------------------------
 
     def reached(self) -> dict[str, tuple[int, int, int, str]]:
-        """Last corrected sample of each device, as far back as bridges may still replay samples.
+        """Return the last corrected sample of each device, as far back as bridges may replay samples.
 
-        By device: boot, sequence number, host time in ns since the Unix epoch, and bridge.
+        By device id: boot id, sequence number, host time in ns since the Unix epoch, and bridge.
         """
         return self._store.reached(self._now_ns() - CACHE_NS)
 
     def last_run(self) -> dict[str, tuple[int, int, str]]:
-        """Devices that were in the roster when this estimator ended.
+        """Return the devices that were in the roster when this estimator last ended.
 
-        By device: boot, host time of its last stored bias in ns since the Unix epoch, and bridge (empty if unknown).
+        By device id: boot id, host time of its last stored bias in ns since the Unix epoch, and bridge (empty if
+        unknown).
         """
         return self._store.last_run(round(2e9 * CHECKPOINT_S))
 
     def checkpoint(self, device: Device, now: float, *, force: bool = False, whole: bool = False) -> None:
-        """Every CHECKPOINT_S: publish a device's checkpoint and store its bias, where known. now: monotonic s.
+        """Publish a device's checkpoint and store its bias, if known, every CHECKPOINT_S seconds.
 
-        force: do not wait for the next time. whole: store the whole session with the bias, since no sample follows.
+        now: monotonic time, s; an earlier call does nothing. force: do not wait. whole: store the whole session with
+        the bias, since no sample follows.
         """
         if now < device.checkpoint_due and not force:
             return
@@ -274,7 +279,10 @@ class StoreAccess:
     # ---- who wears it -----------------------------------------------------------------------------------------------
 
     def placement(self, device: str) -> Placement | None:
-        """Latest placement that a person set for a device, or None; one set elsewhere is stored here, too."""
+        """Return the latest placement of a device (where and by whom it is worn), or None.
+
+        A placement that another estimator recorded is stored here, too.
+        """
         stored, said = self._store.placements(device)[-1:], self._replicas.of(device)
         if said is None or said.placement is None or (stored and stored[0].since_ns >= said.placement.since_ns):
             return stored[0] if stored else None
@@ -282,7 +290,7 @@ class StoreAccess:
         return said.placement
 
     def standing(self, subject: str) -> Sequence[Alert]:
-        """Alerts of a device or an estimator that have not ended.
+        """Return the alerts of a device or an estimator that have not ended.
 
         Taken from another estimator's checkpoint if there is one, else from the store.
         """
@@ -303,7 +311,7 @@ class StoreAccess:
     # ---- commands ---------------------------------------------------------------------------------------------------
 
     def answered(self, key: keys.Key, command: Command) -> CommandReply | None:
-        """Reply to this command from an earlier execution, also by an estimator that has restarted since; else None."""
+        """Return the reply to a command that was executed before, by this or another estimator; else None."""
         for verb, reply in self._replicas.answers(key.device):
             if (verb, reply.request_id) == (key.ids["verb"], command.request_id):
                 return reply
@@ -322,10 +330,10 @@ class StoreAccess:
     def audit(
         self, device: Device | None, key: keys.Key, command: Command, reply: CommandReply, kept: Callable[[], None]
     ) -> None:
-        """Record a command with its reply: tell the other estimators, and write it to the audit.
+        """Record a command with its reply: inform the other estimators, and write it to the audit.
 
-        device: None if it is not known any more; the other estimators are not told then. kept() is called once the
-        entry is on disk, or after half a second of a failing disk.
+        device: None if it is unknown; then the other estimators are not informed. kept() is called once the entry is on
+        disk, or after half a second if the disk fails.
         """
         if device is not None:
             self._replicas.answer(device.name, ((key.ids["verb"], reply),))

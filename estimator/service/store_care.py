@@ -1,4 +1,4 @@
-"""Care of the store, once a second: the epoch is stored, backups and thinning are started."""
+"""Maintenance of the store, once a second: stores the epoch, starts backups and the deletion of old rows."""
 
 import logging
 from collections import Counter
@@ -15,9 +15,9 @@ THIN_S, BACKUP_S = 86400.0, 3600.0
 
 
 class StoreCare:
-    """Regular work on a store: store the epoch, start backups and thinning.
+    """Regular maintenance of a store: stores the epoch, starts backups and the deletion of old rows.
 
-    now_ns: the host's clock. clerk: the store's thread.
+    now_ns: the host's clock, ns since the Unix epoch. clerk: the store's thread.
     """
 
     def __init__(self, store: Store, now_ns: Callable[[], int], clerk: StoreWriter) -> None:
@@ -29,9 +29,10 @@ class StoreCare:
         self._looks = False
 
     def tend(self, now: float, epoch: int) -> None:
-        """Do or start the regular work whose time has come at `now`, monotonic s; call it once a second.
+        """Start the maintenance that is due; call it once a second.
 
-        Backups are due every BACKUP_S, thinning of old rows every THIN_S. epoch: the highest known one.
+        now: monotonic time, s. epoch: highest known epoch (number of an ownership). Whether a backup is due is checked
+        every BACKUP_S seconds. Old rows are deleted every THIN_S seconds.
         """
         database = self._store.database
         if not self._looks:  # a disk that hangs is looked at once

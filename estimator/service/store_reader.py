@@ -24,14 +24,20 @@ _FEW = 8
 
 
 class StoreReader:
-    """Reader of a ward's store. Methods raise StoreError unless the database is patient."""
+    """Reader of a ward's store.
+
+    Methods raise StoreError if the store cannot be read, unless the database is patient.
+    """
 
     def __init__(self, database: Database) -> None:
         self.database = database
 
     @classmethod
     def reading(cls, path: Path | str) -> "StoreReader":
-        """Open a store for reading only, whether or not an estimator uses it. Raises StoreError if it is not sound."""
+        """Open a store for reading only, also while an estimator uses it.
+
+        Raises StoreError if it is damaged or unreadable.
+        """
         return StoreReader(Database.reading(path))
 
     @property
@@ -40,21 +46,24 @@ class StoreReader:
         return self.database.path
 
     def close(self) -> None:
-        """Close the store; all writes are on disk already."""
+        """Close the store. All writes are on disk already."""
         self.database.close()
 
     def devices(self) -> list[str]:
-        """Sorted ids of all devices with a stored boot, calibration, bias or command."""
+        """Return the sorted ids of all devices with a stored boot, calibration, bias or command."""
         tables = ("boots", "calibrations", "bias", "audit")
         found = self.database.select(" UNION ".join(f"SELECT device FROM {table}" for table in tables))  # noqa: S608 - our own words
         return sorted(row["device"] for row in found)
 
     def calibrated_devices(self) -> set[str]:
-        """Ids of all devices with a stored calibration."""
+        """Return the ids of all devices with a stored calibration."""
         return {row["device"] for row in self.database.select("SELECT DISTINCT device FROM calibrations")}
 
     def placements(self, device: str) -> list[Placement]:
-        """All placements of a device (where and by whom it was worn), oldest first: each holds until the next."""
+        """Return all placements of a device (where and by whom it was worn), oldest first.
+
+        Each placement holds until the next.
+        """
         names = "segment", "side", "wearer", "time_ns", "who"
         return [
             Placement(*(row[name] for name in names))
@@ -62,7 +71,7 @@ class StoreReader:
         ]
 
     def alerts(self, device: str) -> list[tuple[Alert, int | None]]:
-        """All alerts of a device or an estimator, oldest first, each with its end.
+        """Return all alerts of a device or an estimator, oldest first, each with its end.
 
         The end is host time, ns since the Unix epoch; None while the alert stands.
         """
@@ -73,21 +82,24 @@ class StoreReader:
         ]
 
     def boots(self, device: str, most: int) -> list[int]:
-        """Latest boot numbers of a device, at most `most`, oldest first."""
+        """Return the latest boot ids of a device, at most `most`, oldest first."""
         rows = self.database.rows("boots", "device = ?", (device,), _LATEST_FIRST, most)
         return [int(row["boot"], 16) for row in reversed(rows)]
 
     def answer(self, device: str, verb: str, request_id: str) -> tuple[bool, Sentences] | None:
-        """Outcome of an earlier command: whether it was accepted, and its reply; None if it is new."""
+        """Return the outcome of an earlier command: whether it was accepted, and its reply.
+
+        None if the command is new.
+        """
         values = device, request_id, verb
         for row in self.database.rows("audit", "device = ? AND request_id = ? AND verb = ?", values, limit=1):
             return bool(row["accepted"]), read_sentences(row["message"])
         return None
 
     def recall(self, device: str, boot: int, now_ns: int) -> PriorKnowledge | None:
-        """Look up the latest calibration of this boot, if any, and the bias last stored in it.
+        """Return the latest calibration of a boot and the bias last stored in it; None if neither is stored.
 
-        now_ns: host time, ns since the Unix epoch, for the age of the bias. None if neither is stored.
+        now_ns: host time, ns since the Unix epoch, for the age of the bias.
         """
         calibration, (kept, time_ns) = self.calibrated(device, boot), self._kept(device, boot)
         if kept is None:
@@ -96,7 +108,10 @@ class StoreReader:
         return found if calibration is None or kept.calibration == calibration.id else found.under(calibration)
 
     def session(self, device: str, boot: int) -> tuple[bytes, str]:
-        """Session of this boot as bytes, saved at an orderly stop, and its bridge's id; both empty if not saved."""
+        """Return the session of a boot as bytes, saved at an orderly stop, and its bridge's id.
+
+        Bytes and id are empty if no session was saved.
+        """
         kept, _ = self._kept(device, boot)
         return (b"", "") if kept is None else (kept.session, kept.bridge)
 
@@ -107,28 +122,29 @@ class StoreReader:
         return None, 0
 
     def calibrated(self, device: str, boot: int) -> Calibration | None:
-        """Latest calibration of this boot, or None."""
+        """Return the latest calibration of a boot, or None."""
         made = self.of_boot(device, boot)
         return made[-1] if made else None
 
     def of_boot(self, device: str, boot: int) -> list[Calibration]:
-        """All calibrations of this boot, in order of writing, without those of an earlier power-up."""
+        """Return all calibrations of a boot, in order of writing, without those of an earlier power-up."""
         before = self.made_before(device, boot)
         rows = self.database.rows("calibrations", "device = ? AND boot = ?", (device, keys.boot_id(boot)))
         return calibrations_in(row for row in rows if row["id"] not in before.ids)
 
     def made_before(self, device: str, boot: int) -> Before:
-        """Find which calibrations under this boot number belong to an earlier power-up."""
+        """Find the calibrations under this boot number that belong to an earlier power-up."""
         values = device, repeat_request(device, boot), REPEATED
         repeats = self.database.rows("audit", "device = ? AND request_id = ? AND verb = ?", values)
         ids = frozenset(made for row in repeats for made in row["reason"].split())
         return Before(ids, max((row["time_ns"] for row in repeats), default=None))
 
     def reached(self, since_ns: int) -> dict[str, tuple[int, int, int, str]]:
-        """Last sample known to the latest stored bias, by device: boot, sequence number, host time in ns, and bridge.
+        """Return the last sample used for the latest stored bias, by device id.
 
-        The bridge is empty where unknown. Only biases stored since since_ns, ns since the Unix epoch, count. Devices
-        with a running calibration are left out: the bridges' caches may hold its turns.
+        Values: boot id, sequence number, host time in ns since the Unix epoch, and bridge, empty where unknown. Only
+        biases stored at or after `since_ns`, ns since the Unix epoch, count. Devices with a requested recalibration, or
+        with turns taken, are left out: the bridges' caches may hold the turns.
         """
         found: dict[str, tuple[int, int, int, str]] = {}
         for row in self.database.rows("bias", "time_ns >= ?", (since_ns,), "time_ns"):
@@ -139,10 +155,10 @@ class StoreReader:
         return found
 
     def last_run(self, within_ns: int) -> dict[str, tuple[int, int, str]]:
-        """Devices whose bias was stored at the end of the last run, or that stood as lost then.
+        """Return the devices that were served at the end of the last run, or were lost then.
 
-        within_ns: the end is this long before the newest bias of the store, ns. By device: boot, host time at which its
-        bias was stored in ns since the Unix epoch, and its bridge, empty if unknown.
+        within_ns: length of the end of the run, ns, counted back from the newest bias of the store. By device id: boot
+        id, host time at which its bias was stored in ns since the Unix epoch, and bridge, empty if unknown.
         """
         newest = self.database.select("SELECT max(time_ns) AS time_ns FROM bias")
         if not newest or newest[0]["time_ns"] is None:
@@ -156,22 +172,22 @@ class StoreReader:
         }
 
     def epoch(self) -> int:
-        """Highest stored ownership epoch; 0 where none is stored."""
+        """Return the highest stored epoch (number of an ownership); 0 if none is stored."""
         return max((int(row["epoch"]) for row in self.database.rows("epochs")), default=0)
 
     def prior(self, info: DeviceInfo) -> Calibration | None:
-        """Latest calibration of an earlier boot with the same restore key as `info`, or None.
+        """Return the latest calibration of an earlier boot with the same restore key as `info`, or None.
 
-        The key is device, model, firmware, range and, without a device clock, rate.
+        The key is device, model, firmware, range and, for a device without a clock, rate.
         """
         this = keys.boot_id(info.boot)
         return self._latest(info.device, lambda row: row["boot"] != this and not differing(row, info))
 
     def earlier(self, info: DeviceInfo) -> list[Calibration]:
-        """Last calibration of each recent earlier boot with the same restore key as `info`, oldest first.
+        """Return the last calibration of each recent earlier boot with the same restore key as `info`, oldest first.
 
-        The key is device, model, firmware, range and, without a device clock, rate. The newest 8 stored calibrations
-        are searched.
+        The key is device, model, firmware, range and, for a device without a clock, rate. Only the newest 8 stored
+        calibrations are searched.
         """
         this, found = keys.boot_id(info.boot), dict[str, Row]()
         for row in self.database.rows("calibrations", "device = ?", (info.device,), _LATEST_FIRST, _FEW):
@@ -180,11 +196,11 @@ class StoreReader:
         return calibrations_in(reversed(found.values()))
 
     def latest(self, device: str) -> Calibration | None:
-        """Latest calibration of a device, of any boot and settings, or None."""
+        """Return the latest calibration of a device, of any boot and settings, or None."""
         return self._latest(device, lambda _: True)
 
     def points(self, info: DeviceInfo) -> list[Points]:
-        """Bias history of the latest earlier boots with the same restore key as `info`, one `Points` a boot.
+        """Return the bias history of the latest earlier boots with the same restore key as `info`, one item per boot.
 
         At most BOOTS boots, and the first POINTS points of each where the temperature is known.
         """
@@ -202,7 +218,7 @@ class StoreReader:
         return Points(1e-9 * table[:, 0], table[:, 1:4], table[:, 4:7], table[:, 7]) if len(table) else None
 
     def calibrations(self, device: str) -> list[Calibration]:
-        """All stored calibrations of a device, oldest first."""
+        """Return all stored calibrations of a device, oldest first."""
         return calibrations_in(self.database.rows("calibrations", "device = ?", (device,), "time_ns, number"))
 
     def _latest(self, device: str, wanted: Callable[[Row], bool]) -> Calibration | None:

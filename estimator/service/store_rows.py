@@ -1,4 +1,4 @@
-"""Rows of the estimator's store: their content as objects, and objects as columns."""
+"""Rows of the estimator's store: conversion between rows and objects."""
 
 import logging
 from collections.abc import Iterable
@@ -20,25 +20,29 @@ log = logging.getLogger(__name__)
 class Before(NamedTuple):
     """Calibrations of an earlier power-up under the same boot number.
 
-    ids: of the calibrations. seen_ns: host time at which the repeated number was seen, ns since the Unix epoch; None if
-    the number was not repeated.
+    ids: ids of these calibrations. seen_ns: host time at which the repeated number was noticed, ns since the Unix
+    epoch; None if the number was not repeated.
     """
 
     ids: frozenset[str]
     seen_ns: int | None
 
     def has(self, calibration: Calibration) -> bool:
-        """Return whether a calibration belongs to the earlier power-up, as far as known."""
+        """Return whether a calibration belongs to the earlier power-up: by its id, or older than `seen_ns`."""
         return calibration.id in self.ids or (self.seen_ns is not None and calibration.time_ns < self.seen_ns)
 
 
 class Kept(msgspec.Struct):
     """Stored bias of a boot, as `Store.save_bias` writes it.
 
-    x, P: state and covariance of the bias filter, bias in rad/s. time and powered (power-up): device time, s.
-    temperature_c: mean of the last seconds, °C; the latest reading is lag_k kelvin above it.
-    doubted: whether the bias was in doubt. calibration: id of the one in use. asked: who asked for a recalibration in
-    progress, and why. reached: sequence number and host time, ns, of the last sample the bias knows of.
+    x, P: state and covariance of the bias filter; the bias is in rad/s. time, powered: device time of the state and of
+    power-up, s.
+    temperature_c: mean of the last seconds, °C; the latest reading is `lag_k` kelvin above it. doubted: whether the
+    bias was in doubt.
+    calibration: id of the calibration in use. asked: person who requested the recalibration in progress, and the
+    reason.
+    reached: sequence number and host time, ns since the Unix epoch, of the last sample used for the bias. bridge: id of
+    the bridge whose samples were used.
     """
 
     x: list[float]
@@ -62,7 +66,10 @@ class Kept(msgspec.Struct):
 
 
 def calibrations_in(rows: Iterable[Row]) -> list[Calibration]:
-    """Decode the calibrations of rows of the table `calibrations`; log and leave out any that cannot be decoded."""
+    """Decode the calibrations in rows of the table `calibrations`.
+
+    Calibrations that cannot be decoded are logged and left out.
+    """
     found = []
     for row in rows:
         try:
@@ -74,7 +81,7 @@ def calibrations_in(rows: Iterable[Row]) -> list[Calibration]:
 
 
 def written(sentences: Sentences) -> str:
-    """Encode sentences as JSON for a text column. Inverse of `read_sentences`."""
+    """Encode sentences (codes and parameters) as JSON for a text column. Inverse of `read_sentences`."""
     return msgspec.json.encode(sentences).decode()
 
 
@@ -84,10 +91,10 @@ def read_sentences(text: str) -> Sentences:
 
 
 def kept_in(row: dict[str, Any]) -> Kept | None:
-    """Decode the stored bias of a row of the table `bias`; None where another power-up used its boot number."""
+    """Decode the stored bias in a row of the table `bias`; None if another power-up used its boot number."""
     return msgspec.msgpack.decode(row["state"], type=Kept) if row["state"] else None
 
 
 def repeat_request(device: str, boot: int) -> str:
-    """Request id under which the audit notes that a boot number was used by two power-ups."""
+    """Return the request id under which the audit records that two power-ups used one boot number."""
     return f"{device} {keys.boot_id(boot)}"

@@ -1,7 +1,6 @@
-"""Writer thread of the store, so that a slow disk delays no sample; also for long reads.
+"""Writer thread of the store, so that a slow disk delays no sample; also runs long reads.
 
-Writes are executed in the order given. Where the disk fails they wait and are tried again. Reads wait for urgent
-writes.
+Writes are executed in order. While the disk fails they wait and are retried. Reads wait for urgent writes.
 """
 
 import logging
@@ -36,7 +35,8 @@ Done = Callable[[StoreError | None], None]
 class StoreWriter:
     """Queue of writes to a database, executed in order until it is closed.
 
-    thread: write on its own thread; else within `do`, with failed writes retried within `collect`.
+    thread: True executes writes on a thread of their own. False executes them within `do`, and retries failed ones
+    within `collect`.
     """
 
     def __init__(self, database: Database, *, thread: bool = True) -> None:
@@ -56,10 +56,10 @@ class StoreWriter:
         return not self._waiting
 
     def do(self, write: Write, done: Done = lambda _: None, *, soon: bool = True) -> None:
-        """Queue write(), executed on the store's thread; soon: do not wait up to GATHER_S for more writes.
+        """Queue a write for the store's thread. soon: do not wait up to GATHER_S seconds for more writes.
 
-        done(error) is called in `collect`: with None once the write is on disk, or with the error if it can never be.
-        Beyond MOST waiting writes, done is called at once with an error.
+        done(error) is called in `collect`: with None once the write is on disk, or with the error if the write failed
+        for good. Beyond MOST waiting writes, `done` is called at once with an error.
         """
         with self._more:
             refused = self._closing or len(self._waiting) >= MOST
@@ -74,9 +74,10 @@ class StoreWriter:
             self.collect()
 
     def look_up(self, read: Callable[[], T], then: Callable[[T], None] = lambda _: None) -> None:
-        """Queue read(), a long read or a backup, on the store's thread; writes marked `soon` come first.
+        """Queue a long read or a backup for the store's thread; writes marked `soon` come first.
 
-        then(found) is called in `collect` with what was read; a failure is logged. After close nothing is read.
+        then(found) is called in `collect` with the result of `read`. A failure is logged. After `close` nothing is
+        read.
         """
         with self._more:
             self._reads.append((read, then))
@@ -86,14 +87,14 @@ class StoreWriter:
             self.collect()
 
     def collect(self) -> None:
-        """Call `done` of every finished write and read, on the caller's thread."""
+        """Call the callbacks of all finished writes and reads, on the caller's thread."""
         if self._thread is None and self._waiting:
             self._write_all()
         while self._finished:
             self._finished.popleft()()
 
     def close(self) -> None:
-        """Execute the waiting writes for at most PATIENCE_S, then end; writes that remain are lost and logged."""
+        """Execute the waiting writes for at most PATIENCE_S seconds, then end; remaining writes are lost and logged."""
         with self._more:
             self._closing = True
             self._more.notify()

@@ -1,4 +1,4 @@
-"""Takeover of devices between estimators: give devices away to a new owner, and continue those that become ours."""
+"""Takeover of devices between estimators: release devices to a new owner, and continue devices of another."""
 
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
@@ -20,7 +20,7 @@ LINGER_S = 40.0
 class Takeover:
     """Mover of devices between this estimator and the others.
 
-    learn(device): updates a device's estimates from its last finished block before the device leaves.
+    learn(device): updates a device's estimates from its last finished block of samples before the device leaves.
     """
 
     def __init__(
@@ -50,9 +50,10 @@ class Takeover:
             self._starts.adopt(known)
 
     def take(self, others: Mapping[str, Sequence[Message]], now: float) -> list[Message]:
-        """Take over the devices that are ours now; returns the sample messages of their backlog still to be processed.
+        """Take over the devices that this estimator should own now.
 
-        others: messages of this round, by device, of devices that we do not hold. now: monotonic s.
+        Returns their sample messages still to be processed.
+        others: messages of this round by device, of devices that this estimator does not hold. now: monotonic s.
         """
         ours = list[Message]()
         if not (taken := self._parts.cluster.take(others, now)):
@@ -69,7 +70,10 @@ class Takeover:
         return ours
 
     def tidy(self, now: float) -> None:
-        """Close the publishers of devices given away more than LINGER_S before `now`, monotonic s; inf closes all."""
+        """Close the publishers of devices given away more than LINGER_S seconds before `now`, monotonic s.
+
+        If `now` is inf, all are closed.
+        """
         while self._left and self._left[0][0] <= now:
             self._left.popleft()[1].close()
 

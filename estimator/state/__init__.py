@@ -1,4 +1,7 @@
-"""State as bytes: typed msgspec structs, arrays as shape and float64 values, deflated; checked when decoded."""
+"""Serialisation of state to bytes: typed msgspec structs, arrays as shape and values, compressed.
+
+Checked when decoded.
+"""
 
 import threading
 import zlib
@@ -20,21 +23,21 @@ _MOST_BYTES, _MOST_VALUES = 1 << 22, 1 << 18
 
 
 class StateStruct(msgspec.Struct, array_like=True):
-    """Base class of state that can be saved: a msgspec struct, encoded by `encode` as the list of its fields."""
+    """Base class of state that can be saved: a msgspec struct, which `encode` writes as the list of its fields."""
 
 
 def encode(state: StateStruct) -> bytes:
-    """Encode a state as deflated MessagePack bytes; equal states give equal bytes, since sets are sorted.
+    """Encode a state as MessagePack bytes, compressed with zlib; equal states give equal bytes.
 
-    Arrays must be float64. Inverse of `decode`.
+    Arrays must be float64. `decode` is the inverse.
     """
     return zlib.compress(msgspec.msgpack.encode(state, enc_hook=_packed, order="deterministic"), 1)
 
 
 def decode(data: bytes, kind: type[T]) -> T:
-    """Decode the bytes of `encode` into a state of type `kind`; arrays come back as float64.
+    """Decode bytes made by `encode` into a state of type `kind`; arrays become float64.
 
-    The shapes of arrays are not checked: see `shaped`. Raises ValueError when the bytes are damaged, do not fit `kind`,
+    The shapes of arrays are not checked; use `shaped`. Raises ValueError if the bytes are damaged, do not fit `kind`,
     or inflate to more than 4 MiB.
     """
     inflating = zlib.decompressobj()

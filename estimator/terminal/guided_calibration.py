@@ -1,4 +1,4 @@
-"""Guides a calibration in a terminal: the next step, a progress bar, and the verdict.
+"""Guided calibration in a terminal: shows the next step, a progress bar, and the verdict.
 
 A terminal is updated in place; other outputs get a line per step.
 """
@@ -47,10 +47,11 @@ def calibrate(
     seconds: float | None = None,
     knobs: SessionKnobs | None = None,
 ) -> int:
-    """Guide a person in a terminal through the calibration of a live device; asks for one unless it is under way.
+    """Guide a person in a terminal through the calibration of a live device; request one unless one is in progress.
 
-    Returns 0 when the device is calibrated, else 1. who: the person, for the audit. t: texts in the person's language.
-    seconds: give up after so long. knobs: settings of the device; by default those of a device of unknown kind.
+    who: the person, for the audit. t: texts in the person's language. seconds: give up after this time, s.
+    knobs: settings of the device; by default those of a device of unknown kind.
+    Returns 0 when the device is calibrated, else 1.
     """
     heard = Heard(client, device, knobs or Treatment().of(device))
     told, asked, begin, misnamed = heard.guide.told(), False, time.monotonic(), False
@@ -85,9 +86,9 @@ def calibrate(
 
 
 class Heard:
-    """Follows the messages about one device during a calibration, and which bridges and estimators are alive.
+    """Receiver of messages about one device during a calibration, and of the bridges and estimators that are alive.
 
-    guide: turns them into instructions; story: everything known of the device.
+    `guide`: turns the messages into instructions. `story`: everything known of the device.
     """
 
     def __init__(self, client: Client, device: str, knobs: SessionKnobs) -> None:
@@ -101,7 +102,7 @@ class Heard:
         self._watches = [client.watch_alive(what, alive.__setitem__) for what, alive in self._known.alive.items()]
 
     def told(self, wait_s: float) -> Instruction:
-        """Wait up to wait_s seconds for readings, and return the current instruction."""
+        """Wait at most `wait_s` seconds for readings, and return the current instruction."""
         for batch in self._samples.drain(wait_s):
             self.guide.take_samples(batch)
         now = time.monotonic()
@@ -143,9 +144,9 @@ def _left(t: Texts, step: Step, ward: str, device: str, after_s: float) -> str:
 
 
 class GuideScreen:
-    """Shows instructions of the guide: in place on a terminal, otherwise a line per change.
+    """Display for instructions of the guide: updated in place on a terminal, otherwise a line per change.
 
-    `t`: texts in the person's language.
+    t: texts in the person's language.
     """
 
     def __init__(self, console: Console, t: Texts, device: str) -> None:
@@ -165,13 +166,13 @@ class GuideScreen:
             self._console.print(said, highlight=False)
 
     def close(self) -> None:
-        """Stop showing instructions, and free the terminal."""
+        """Stop showing instructions, and release the terminal."""
         if self._live:
             self._live.stop()
 
 
 def sentences(told: Instruction, t: Texts) -> list[str]:
-    """Return an instruction as sentences: what was wrong, what to do, and how."""
+    """Return an instruction as sentences: faults of the last attempt, what to do, and how."""
     wrong = [t.text((one,)) for one in told.wrong]
     again = [t("guide.rebooted")] if told.rebooted else []
     return [*again, *wrong, t.say("head", told.head), f"  {t(f'how.{told.how}')}"]

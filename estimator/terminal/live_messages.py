@@ -1,4 +1,4 @@
-"""Follows the live messages of a ward, apart from old ones that the bus kept."""
+"""Receiver of a ward's live messages; waits until they can be told from old messages that the bus has cached."""
 
 import time
 
@@ -13,23 +13,23 @@ NO_DEVICE_DO = "Start a bridge, or name the right ward (--config WARD.toml or --
 
 
 def interrupted(begin: float, *, heard: bool) -> None:
-    """Handle Ctrl-C in a live view: re-raise KeyboardInterrupt while a report would come too early.
+    """Handle Ctrl-C in a live view: raise KeyboardInterrupt if it is too early for a report.
 
-    begin: monotonic time of the start, s. heard: whether any device was heard.
+    begin: monotonic time of the start, s. heard: whether any device was heard; then a report is never too early.
     """
     if not heard and time.monotonic() - begin < NONE_S:
         raise KeyboardInterrupt
 
 
 class LiveMessages:
-    """Follows the statuses and infos of a client's ward, and keeps the latest in `view`."""
+    """Receiver of the statuses and infos of a client's ward; keeps the latest in `view`."""
 
     def __init__(self, client: Client) -> None:
         self.view = WardView()
         self._statuses, self._infos = client.follow(), client.follow_infos()
 
     def listen(self, for_s: float) -> None:
-        """Wait for_s seconds, then add the messages that arrived to the view."""
+        """Wait `for_s` seconds, then add the messages that arrived to the view."""
         time.sleep(for_s)
         for info in self._infos.drain():
             self.view.take_info(info)
@@ -43,9 +43,9 @@ class LiveMessages:
         self._infos.close()
 
     def settle(self, least_s: float = FIRST_S) -> None:
-        """Listen for least_s seconds, and then until each device is known to be live or silent.
+        """Listen for `least_s` seconds, and then until each device is known to be live or silent.
 
-        The second part lasts at most 2 × SILENT_S.
+        The second part lasts at most 2 × SILENT_S seconds.
         """
         self.listen(least_s)
         end = time.monotonic() + 2 * SILENT_S

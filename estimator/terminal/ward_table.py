@@ -1,4 +1,4 @@
-"""Shows a ward as a table in a terminal, live; other outputs get a line per change."""
+"""Table of a ward's statuses, live in a terminal; other outputs get a line per change."""
 
 from math import degrees
 from types import TracebackType
@@ -42,7 +42,10 @@ _COLUMNS = (
 
 
 def table(statuses: dict[str, Status], title: str = "") -> Columns:
-    """Return a table with a row per device: state, quality, turns done, bias uncertainty, and reason."""
+    """Return a table with a row per device: state, quality, turns done, bias uncertainty, and reason.
+
+    statuses: by device id. Bias uncertainty is the 95 % interval of the least known axis, °/s.
+    """
     shown = Columns(_COLUMNS, title=title)
     for name in sorted(statuses):
         status = statuses[name]
@@ -60,16 +63,16 @@ def table(statuses: dict[str, Status], title: str = "") -> Columns:
 
 
 class LiveTable:
-    """Context that shows a ward's statuses live: a table in a terminal, on other outputs a line for each change."""
+    """Context manager that shows a ward's statuses live: a table in a terminal, else a line for each change."""
 
     def __init__(self, console: Console) -> None:
         self._console = console
         self._live = Live(console=console, refresh_per_second=8, transient=True) if console.is_terminal else None
 
     def show(self, elapsed_s: float, statuses: dict[str, Status], changes: list[Status], note: str) -> None:
-        """Show the ward's statuses, elapsed_s seconds after the start.
+        """Show the ward's statuses, `elapsed_s` seconds after the start.
 
-        changes: statuses with a new state; note: text of the title.
+        statuses: by device id. changes: statuses with a new state. note: text of the title.
         """
         if self._live is not None:
             self._live.update(table(statuses, f"{elapsed_s:4.0f} s  {note}"))
@@ -80,7 +83,7 @@ class LiveTable:
             )
 
     def say(self, elapsed_s: float, words: str) -> None:
-        """Print a line that stays, with the seconds since the start."""
+        """Print a permanent line of text, with the seconds since the start."""
         self._console.print(f"{elapsed_s:5.1f} s  {words}", soft_wrap=True, highlight=False)
 
     def __enter__(self) -> Self:

@@ -1,4 +1,4 @@
-"""The views of `truerate devices`, `truerate status`, and `truerate watch` of one device."""
+"""Terminal views of `truerate devices`, `truerate status`, and `truerate watch` of one device."""
 
 import time
 from collections.abc import Sequence
@@ -27,7 +27,7 @@ from estimator.terminal.ward_table import table, word
 
 
 def show_devices(console: Console, ward: str, endpoints: Sequence[str]) -> int:
-    """Print the hardware and the state of every device of a ward; returns 1 if there is none."""
+    """Print hardware and state of every device of a ward; returns the exit code: 1 if there is no device, else 0."""
     with Client(endpoints, ward=ward) as client:
         statuses, infos = _said(client)
     if not infos and not statuses:
@@ -46,7 +46,7 @@ def show_devices(console: Console, ward: str, endpoints: Sequence[str]) -> int:
 
 
 def show_status(console: Console, ward: str, endpoints: Sequence[str], *, as_json: bool) -> int:
-    """Print a ward's summary; returns 1 if a person has to do something."""
+    """Print a ward's summary; returns the exit code: 1 if a person has to do something, else 0."""
     with Client(endpoints, ward=ward) as client:
         bridges, estimators = client.alive("bridge"), client.alive("estimator")
         statuses, infos = _said(client)
@@ -129,7 +129,7 @@ def _hardware_row(info: DeviceInfo) -> tuple[str, ...]:
 
 
 def watch(console: Console, ward: str, endpoints: Sequence[str], device: str, seconds: float | None) -> int:
-    """Show one device until Ctrl-C, or for `seconds`; returns 1 if none of its samples came.
+    """Show one device until Ctrl-C, or for `seconds` s; returns the exit code: 1 if none of its samples came, else 0.
 
     Ends after a few seconds if the ward has other devices, but not this one.
     """

@@ -1,4 +1,4 @@
-"""The view of `truerate watch` of a ward: live in a terminal, once, or as JSON."""
+"""Terminal view of `truerate watch` of a ward: live, once, or as JSON."""
 
 import sys
 import time
@@ -34,9 +34,10 @@ def watch_ward(
     as_json: bool = False,
     seconds: float | None = None,
 ) -> int:
-    """Show the client's ward until Ctrl-C, for `seconds`, or once.
+    """Show the client's ward until Ctrl-C, for `seconds` s, or once.
 
-    only: id of the device to show; empty for all. Returns 1 if no device has sent, or not that one.
+    only: id of the device to show; empty shows all. Returns the exit code: 1 if no device, or not this one, has sent;
+    else 0.
     """
     ears, heard, said, strange = LiveMessages(client), False, dict[str, str](), ""
     listen = ears.settle if once else ears.listen
@@ -82,10 +83,10 @@ def watch_ward(
 
 
 def shown(rows: Sequence[DeviceRow], head: str, width: int, height: int | None = None) -> Group:
-    """Lay out a ward for a terminal of `width` columns: a head line, headings, and a line per device.
+    """Lay out a ward for a terminal: a head line, headings, and a line per device.
 
-    height: lines of the terminal; devices without room are counted in the last line, and reasons are cut. Without a
-    height all devices are shown, and reasons are wrapped. Columns without a value are left out.
+    width: columns of the terminal. height: its lines; devices without room are counted in the last line, and reasons
+    are shortened. If height is None, all devices are shown and reasons wrapped. Columns without a value are left out.
     """
     room = len(rows) if height is None else max(1, height - 2)
     listed, rest = (rows, ()) if len(rows) <= room else (rows[: room - 1], rows[room - 1 :])

@@ -1,4 +1,4 @@
-"""Web dashboard of a ward: pure views of the bus's messages, frames encoded once for all viewers, and a small server.
+"""Web dashboard of a ward: views of the bus's messages, frames encoded once for all viewers, and an HTTP server.
 
-Begin at `ward_state` (everything heard) and `app`.
+Start reading at `ward_state` (the collected messages) and `app`.
 """

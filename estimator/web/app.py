@@ -1,4 +1,4 @@
-"""The dashboard as an ASGI application: routes, guard, and error responses."""
+"""Dashboard as an ASGI application: routes, security checks, and error responses."""
 
 import asyncio
 import contextlib
@@ -29,18 +29,18 @@ _AS_IT_IS = (*DEFAULT_EXCLUDED_CONTENT_TYPES, "application/json")
 
 
 def routes() -> list[BaseRoute]:
-    """Return all routes of the dashboard: those of each part, a module with `routes()`, and the static files.
+    """Return all routes of the dashboard: those of each part (a module with `routes()`), and the static files.
 
-    Name a new part here.
+    New parts must be listed here.
     """
     parts = (pages, people_pages, device_pages, guide_pages, report_pages, places, stream, live)
     return [*(route for part in parts for route in part.routes()), Mount("/static", StaticFiles(directory=STATIC))]
 
 
 def application(desk: Desk, broadcast: Broadcast) -> Starlette:
-    """Build the ASGI application of one dashboard: routes, guard, compression and error pages.
+    """Build the ASGI application of one dashboard: routes, security checks, compression and error pages.
 
-    The application runs the broadcast loop of the pages.
+    The application also runs the broadcast loop of the pages.
     """
 
     @contextlib.asynccontextmanager

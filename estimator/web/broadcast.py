@@ -1,4 +1,4 @@
-"""Broadcast loop of the pages: reads the bus many times a second, makes the frames of watched topics."""
+"""Broadcast loop of the pages: reads the bus many times a second, and makes the frames of watched topics."""
 
 import asyncio
 import contextlib
@@ -35,7 +35,10 @@ LATE_S = 1.0
 
 
 class Heard:
-    """Subscriptions to messages about all devices (status, info, calibration …), kept even if no page is open."""
+    """Subscriptions to messages about all devices (status, info, calibration …), kept even if no page is open.
+
+    known: ward state that takes the messages. client: session for data. control: session for liveliness.
+    """
 
     def __init__(self, known: Known, client: Client, control: Client) -> None:
         self._known, self._client = known, client
@@ -56,7 +59,7 @@ class Heard:
         ]
 
     def hear(self, now: float) -> None:
-        """Hand the messages received since the last call to the ward's state. now: monotonic time in s."""
+        """Hand the messages received since the last call to the ward's state. now: monotonic time, s."""
         self._known.take_router(now, there=self._client.connected)
         for stream, take in self._streams:
             for message in stream.drain():
@@ -86,7 +89,7 @@ class _Running:
 
 
 class Broadcast:
-    """Loop that starts, feeds and ends the topics that pages watch. Runs entirely in the event loop."""
+    """Loop that starts, feeds and ends the topics watched by pages. Runs entirely in the event loop."""
 
     def __init__(self, desk: Desk) -> None:
         self._desk = desk
@@ -101,7 +104,7 @@ class Broadcast:
     def connect(self, client: Client, control: Client) -> None:
         """Start receiving by the sessions of a router, when one is first connected; topics already watched restart.
 
-        client: session for data; control: session for liveliness and commands.
+        client: session for data. control: session for liveliness and commands.
         """
         self._desk.client, self._desk.control = client, control
         self._heard = Heard(self._desk.known, client, control)
@@ -109,7 +112,7 @@ class Broadcast:
             self._end(topic)
 
     async def run(self) -> None:
-        """Run the loop until cancelled: a `step`, then a sleep of at most ROUND_S.
+        """Run the loop until cancelled: a `step`, then a sleep of at most ROUND_S seconds.
 
         A failing topic does not stop the others.
         """
@@ -120,9 +123,9 @@ class Broadcast:
             await asyncio.sleep(max(LEAST_S, min(due - now, ROUND_S)))
 
     def step(self, now: float, now_ns: int) -> None:
-        """Do the loop's work once: read the bus, start newly watched topics, publish due frames, end unwatched topics.
+        """Run the loop once: read the bus, start newly watched topics, publish due frames, end unwatched topics.
 
-        now: monotonic time in s; now_ns: time since the Unix epoch in ns.
+        now: monotonic time, s. now_ns: host time, ns since the Unix epoch.
         """
         if self._heard is not None and now >= self._hear_at:
             self._hear_at = now + HEAR_S

@@ -1,4 +1,4 @@
-"""Group client addresses by customer, for rate limits. Pure."""
+"""Grouping of client addresses by customer, for rate limits. Pure."""
 
 from functools import lru_cache
 from ipaddress import IPv6Address, IPv6Network, ip_address
@@ -9,9 +9,10 @@ _CUSTOMER = 64
 
 @lru_cache(4096)
 def neighbourhood(address: str) -> str:
-    """Return the address under which a client is counted: an IPv6 address's /64, since one machine may hold all of it.
+    """Return the address under which a client is counted: of an IPv6 address its /64 network.
 
-    IPv4 addresses and anything else stay as they are; an IPv4-mapped IPv6 address becomes IPv4.
+    One machine may hold all addresses of a /64 network. An IPv4-mapped IPv6 address becomes IPv4. Other addresses are
+    returned unchanged.
     """
     try:
         ip = ip_address(address)

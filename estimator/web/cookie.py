@@ -20,7 +20,7 @@ def found(connection: HTTPConnection) -> str:
 
 
 def give(response: Response, connection: HTTPConnection, value: str, hours: float) -> None:
-    """Set the session cookie in a response: `value`, valid for `hours`, hidden from scripts and other sites."""
+    """Set the session cookie in a response: its value, valid for `hours` hours, hidden from scripts and other sites."""
     response.set_cookie(
         name(connection),
         value,
@@ -32,7 +32,7 @@ def give(response: Response, connection: HTTPConnection, value: str, hours: floa
 
 
 def take(response: Response, connection: HTTPConnection) -> None:
-    """Delete the session cookie, by a header of the response."""
+    """Delete the session cookie by a header of the response."""
     response.delete_cookie(name(connection), httponly=True, samesite="strict", secure=_secure(connection))
 
 

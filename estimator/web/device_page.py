@@ -25,11 +25,11 @@ Line = tuple[str, str, str]
 
 @dataclass(frozen=True, slots=True)
 class DevicePage:
-    """Everything that a device's page shows in one language, except its live charts.
+    """Content of a device's page in one language, without its live charts.
 
-    progress: of the calibration, 0 to 1. blocked: why no command can be given, or empty. facts: (name, value) of
-    hardware and counts. calibrations: whether the device is corrected by it, and its cells. calibrations, boots, notes,
-    events: the newest first.
+    progress: of the calibration, 0 to 1. blocked: why no command can be given, or empty.
+    facts: (name, value) of hardware and counts. calibrations: whether the calibration is in use, and its cells.
+    calibrations, boots, notes, events: newest first.
     """
 
     title: str
@@ -50,7 +50,8 @@ class DevicePage:
 def device_page(known: Known, device: str, now: float, now_ns: int, t: Texts, told: str = "") -> DevicePage:
     """Build the present content of a known device's page, in the language of `t`.
 
-    now: monotonic time in s; now_ns: ns since the Unix epoch. told: device model that the ward file names, or empty.
+    now: monotonic time, s. now_ns: host time, ns since the Unix epoch. told: device model that the ward file names, or
+    empty.
     """
     story = known.stories[device]
     row = known.row(device, now)
@@ -151,9 +152,9 @@ def _counts(status: Status, t: Texts) -> list[tuple[str, str]]:
 
 
 def accelerometer(one: AccelerometerCalibration | None, t: Texts) -> str:
-    """Format scale and bias (m/s²) of a calibrated accelerometer with 95 % intervals; empty for None.
+    """Format an accelerometer's calibration: scale factors and bias (m/s²) with 95 % intervals; empty for None.
 
-    Without a calibration, the text says why there is none.
+    If the calibration is not accepted, the text gives the reason.
     """
     if one is None or not one.covariance:
         return t.text(one.reason) if one else ""

@@ -26,7 +26,7 @@ _PLACING = {"segments": tuple(SEGMENTS), "sides": SIDES, "longest_wearer": MAX_W
 
 
 def routes() -> list[BaseRoute]:
-    """Return the routes of the device page, and of the commands that forms of pages give."""
+    """Return the routes of the device page, and of the commands sent by forms of pages."""
     verbs = (*VERBS, "acknowledge")
     return [
         Route("/devices/{device}", device, name="device"),
@@ -48,8 +48,8 @@ async def device(request: Request) -> Response:
 async def command(request: Request) -> Response:
     """Send the command of a page's form to the estimator, then redirect to a page, which shows the reply once.
 
-    The last part of the path is the command. GET, as after a reload, only redirects. Raises Fault for an unknown device,
-    and for a wrong session or CSRF token.
+    The last part of the path is the command. A GET request, as after a reload, only redirects. Raises Fault for an
+    unknown device, and for a wrong session or CSRF token.
     """
     desk, name, verb = Desk.of(request), request.path_params["device"], request.scope["path"].rpartition("/")[2]
     given = await fields(request)

@@ -30,14 +30,17 @@ _HEADING_S = 1.0
 
 
 class DeviceTopic(topics.Topic):
-    """Content of the device page, whole, once a second; no frames for a device that was forgotten."""
+    """Topic with the content of the device page, sent whole once a second.
+
+    No frames for a device that was forgotten.
+    """
 
     of_a_device = worded = True
 
     def whole(self, now: float, now_ns: int) -> Iterable[Frame]:
         """Yield the present content of the page as one text frame; nothing for an unknown device.
 
-        now: monotonic s. now_ns: ns since the Unix epoch.
+        now: monotonic time, s. now_ns: ns since the Unix epoch.
         """
         if self._story is not None:
             told = self._desk.treatment.told(self._device)
@@ -45,7 +48,7 @@ class DeviceTopic(topics.Topic):
 
 
 class TraceTopic(topics.Topic):
-    """Raw and corrected rates of a device point by point, as binary frames in °/s.
+    """Topic with the raw and corrected rates of a device, as binary frames in °/s.
 
     Once a second also the heading error of the raw rates, as text.
     """
@@ -62,18 +65,21 @@ class TraceTopic(topics.Topic):
         self._told_at = 0.0
 
     def whole(self, now: float, now_ns: int) -> Iterable[Frame]:  # noqa: ARG002 - of a topic
-        """Yield the raw and corrected rates of the last 20 s as a binary frame, then the heading error as text.
+        """Yield the rates of the last 20 s as a binary frame, then the heading error (degrees) as text.
 
-        now: monotonic s. now_ns: ns since the Unix epoch.
+        Binary frame: float64 (n,) host time, s since the Unix epoch; then float32 (n, 3) raw rates, corrected rates and
+        their standard deviation, °/s.
+        now: monotonic time, s. now_ns: ns since the Unix epoch.
         """
         if (kept := self._traces.kept()) is not None:
             yield self._frame(kept)
         yield self._headings()
 
     def frames(self, now: float, now_ns: int) -> Iterable[Frame]:  # noqa: ARG002 - of a topic
-        """Yield the new points as a binary frame, and once a second the heading error as text.
+        """Yield the new points as a binary frame, as in `whole`.
 
-        now: monotonic s. now_ns: ns since the Unix epoch.
+        Once a second also the heading error (degrees) as text.
+        now: monotonic time, s. now_ns: ns since the Unix epoch.
         """
         story = self._story
         if story is not None and story.trail.rests:
@@ -110,10 +116,10 @@ def _in_degrees(lost: Lost) -> tuple[float, ...]:
 
 
 class AttitudeTopic(topics.Topic):
-    """Attitude of a device ten times a second, as text.
+    """Topic with the attitude of a device, ten times a second, as text.
 
-    Unit quaternion from sensor to earth axes, scalar first; tilt and heading with their 95 % bands, degrees.
-    The estimator makes attitudes only while somebody subscribes to them.
+    Unit quaternion from sensor to earth axes, scalar first; tilt and heading with their 95 % intervals, degrees.
+    The estimator computes attitudes only while somebody subscribes to them.
     """
 
     of_a_device = True
@@ -125,9 +131,9 @@ class AttitudeTopic(topics.Topic):
         self._streams = [self._attitudes]
 
     def frames(self, now: float, now_ns: int) -> Iterable[Frame]:  # noqa: ARG002 - of a topic
-        """Yield the newest attitude as one text frame, if a new one has come since the last call.
+        """Yield the newest attitude as one text frame, if a new one has arrived since the last call.
 
-        now: monotonic s. now_ns: ns since the Unix epoch.
+        now: monotonic time, s. now_ns: ns since the Unix epoch.
         """
         if (batch := self._attitudes.latest()) is not None:
             w, x, y, z = map(float, batch.quat_wxyz[-1])
@@ -142,16 +148,17 @@ class AttitudeTopic(topics.Topic):
 
 
 class TrailTopic(topics.Topic):
-    """Bias and temperature of a device over time, with rests and marks; sent whole every 5 s."""
+    """Topic with bias and temperature of a device over time, and its rests and events; sent whole every 5 s."""
 
     of_a_device = True
     period_s = 5.0
 
     def whole(self, now: float, now_ns: int) -> Iterable[Frame]:  # noqa: ARG002 - of a topic
-        """Yield rests and marks (times in s since the Unix epoch) as text, then the points as a binary frame.
+        """Yield rests and events (times in s since the Unix epoch) as text, then the points as a binary frame.
 
-        The frame: float64 (n,) times in s, then float32 (n, 7) bias x, y, z and its std in °/s, temperature in °C.
-        now: monotonic s. now_ns: ns since the Unix epoch.
+        Binary frame: float64 (n,) host time, s since the Unix epoch; then float32 (n, 7): bias x, y, z and its standard
+        deviations in °/s, temperature in °C.
+        now: monotonic time, s. now_ns: ns since the Unix epoch.
         """
         if self._story is None or not (trail := self._story.trail).times_ns.size:
             return
@@ -164,9 +171,9 @@ class TrailTopic(topics.Topic):
 
 
 class ReceiptTopic(topics.Topic):
-    """Receipts of a device's bias updates since a page first watched, and the few before.
+    """Topic with the receipts of a device's bias updates: those since a page first watched, and a few earlier ones.
 
-    The latest in words; all as points of the NIS picture.
+    The latest are sent as sentences, and all as points of the NIS chart.
     """
 
     of_a_device = worded = True
@@ -179,7 +186,7 @@ class ReceiptTopic(topics.Topic):
     def whole(self, now: float, now_ns: int) -> Iterable[Frame]:  # noqa: ARG002 - of a topic
         """Yield one text frame with all kept receipts; nothing for an unknown device.
 
-        now: monotonic s. now_ns: ns since the Unix epoch.
+        now: monotonic time, s. now_ns: ns since the Unix epoch.
         """
         if (story := self._story) is None:
             return

@@ -26,9 +26,10 @@ _REFUSED = ": "
 
 @dataclass(frozen=True, slots=True)
 class Mark:
-    """An event of a device at a time in ns since the Unix epoch: `kind` is boot, calibrated, refused, note or state.
+    """Event of a device.
 
-    words: text of a note, label of refused evidence or a boot, reason of a calibration.
+    time_ns: host time, ns since the Unix epoch. kind: boot, calibrated, refused, note or state.
+    words: text of a note, label of refused evidence or a boot, or reason of a calibration.
     """
 
     time_ns: int
@@ -37,10 +38,11 @@ class Mark:
 
 
 class Trail:
-    """History of one device: at most POINTS points, with rests, events and receipts.
+    """History of one device for charts: at most POINTS points, with rests, events and receipts.
 
-    times_ns: (n,) host time of each point in ns since the Unix epoch, increasing. points: (n, 7) bias x, y, z, their std
-    in rad/s, temperature in °C; NaN between boots. rests: (begin, end) in ns.
+    times_ns (n,): host time of each point, ns since the Unix epoch, increasing.
+    points (n, 7): bias x, y, z and its standard deviations in rad/s, temperature in °C; NaN between boots.
+    rests: (begin, end), ns since the Unix epoch. marks: events.
     """
 
     def __init__(self) -> None:
@@ -57,8 +59,8 @@ class Trail:
     def take(self, status: Status) -> None:
         """Add a status (sent once a second and at every change) as a point.
 
-        A status not newer than the last point is left out. If a second such status follows, newer than the first, the
-        clock was set back, and points later than that status are dropped.
+        A status that is not newer than the last point is left out. If the next status is newer than that one but still
+        older than the last point, the clock was set back; then later points are dropped.
         """
         latest_ns = self.receipts[-1].time_ns if self.receipts else 0
         self.receipts += (one for one in status.receipts if one.time_ns > latest_ns)  # a status may come twice
@@ -81,12 +83,15 @@ class Trail:
         self.times_ns, self.points = np.append(self.times_ns, time_ns), np.vstack([self.points, row])
 
     def mark(self, mark: Mark) -> None:
-        """Add an event to the marks; an event that is there already changes nothing."""
+        """Add an event to the marks; a known event changes nothing."""
         if mark not in self.marks:
             self.marks.append(mark)
 
     def revise(self, revision: BiasRevision) -> None:
-        """Replace bias and std within the times of a revision by the revision's values, interpolated linearly."""
+        """Replace bias and its standard deviation by the values of a revision, within the revision's times.
+
+        Values are interpolated linearly.
+        """
         times = self.times_ns
         inside = (times >= revision.times_ns[0]) & (times <= revision.times_ns[-1]) & np.isfinite(self.points[:, 0])
         for axis in range(3):
@@ -95,9 +100,10 @@ class Trail:
                 self.points[inside, column] = known
 
     def spread(self, n: int, begin_ns: int, end_ns: int) -> Floats:
-        """Resample to n points at even intervals from begin_ns to end_ns: (n, 7) as `points`.
+        """Resample the trail to n points at even intervals; returns (n, 7), columns as in `points`.
 
-        Each is the last point before its time; NaN where that is missing or too old.
+        begin_ns, end_ns: first and last time, ns since the Unix epoch. Each row is the last point before its time; NaN
+        if that is missing or too old.
         """
         at = np.linspace(begin_ns, end_ns, n).astype(np.int64)
         found = np.full((n, 7), np.nan)

@@ -1,4 +1,4 @@
-"""Guard around every page: checks host and origin of each request, and adds security headers to each answer."""
+"""Security checks around every page: host and origin of each request, and security headers of each response."""
 
 from collections.abc import Callable
 from http import HTTPStatus
@@ -34,10 +34,10 @@ _SCHEMES = {"http": "http", "ws": "http", "https": "https", "wss": "https"}
 
 
 class Guard:
-    """ASGI middleware that refuses requests for foreign hosts and from foreign origins, and adds the security headers.
+    """ASGI middleware that refuses requests for foreign hosts and from foreign origins, and adds security headers.
 
-    Pages of the settings' `origins` may read the stream's WebSocket. settings: returns the settings
-    in force, which may change.
+    settings: returns the present settings, which may change. Pages from the settings' `origins` may read the stream's
+    WebSocket.
     """
 
     def __init__(self, app: ASGIApp, settings: Callable[[], Dashboard]) -> None:
@@ -87,7 +87,7 @@ class Guard:
 
 
 def dress(path: str, headers: MutableHeaders) -> None:
-    """Add the security headers and Cache-Control to an answer's headers, in place.
+    """Add the security headers and Cache-Control to a response's headers, in place.
 
     Only files of /static/ may be cached.
     """

@@ -18,7 +18,7 @@ from estimator.web.tiles import ward_page
 
 
 def routes() -> list[BaseRoute]:
-    """Return the routes of the two guides: of one device, and of all devices of the ward that wait."""
+    """Return the routes of the two guides: for one device, and for all devices that wait for a calibration."""
     return [
         Route("/devices/{device}/calibrate", calibrate, name="calibrate"),
         Route("/calibrate", queue, name="queue"),
@@ -26,7 +26,7 @@ def routes() -> list[BaseRoute]:
 
 
 async def queue(request: Request) -> Response:
-    """Serve the page on which a ward is calibrated, several devices at once."""
+    """Serve the page for calibrating the devices of a ward, several at once."""
     desk = Desk.of(request)
     now = time.monotonic()
     waiting = to_calibrate(desk.known.rows(now))
@@ -35,7 +35,7 @@ async def queue(request: Request) -> Response:
 
 
 async def calibrate(request: Request) -> Response:
-    """Serve the guide of one device, with what is known before the live stream starts.
+    """Serve the guide page of one device, with its content before the live stream starts.
 
     Raises Fault for an unknown device.
     """

@@ -1,4 +1,4 @@
-"""Topic of a guided calibration: one guide per device, however many people watch."""
+"""Topic of a guided calibration: one guide per device, shared by all its viewers."""
 
 from collections.abc import Iterable
 
@@ -12,7 +12,7 @@ _AGAIN_S = 1.0
 
 
 class GuideTopic(topics.Topic):
-    """Present instruction of a guided calibration in every language, sent when it changes and every second."""
+    """Topic with the present instruction of a guided calibration in every language, sent on change and every second."""
 
     of_a_device = True
     period_s = 0.1
@@ -27,7 +27,7 @@ class GuideTopic(topics.Topic):
     def whole(self, now: float, now_ns: int) -> Iterable[Frame]:  # noqa: ARG002 - of a topic
         """Yield the present instruction as a text frame; nothing for an unknown device.
 
-        now: monotonic s. now_ns: ns since the Unix epoch.
+        now: monotonic time, s. now_ns: ns since the Unix epoch.
         """
         if (story := self._story) is None:
             return
@@ -39,9 +39,9 @@ class GuideTopic(topics.Topic):
         yield topics.text(self._topic, guide_view(self._guide.told(), self._known, self._device, now))
 
     def frames(self, now: float, now_ns: int) -> Iterable[Frame]:
-        """Yield the instruction as a text frame if it changed, or if a second has passed since the last one.
+        """Yield the instruction as a text frame if it changed, or if a second has passed since the last frame.
 
-        now: monotonic s. now_ns: ns since the Unix epoch.
+        now: monotonic time, s. now_ns: ns since the Unix epoch.
         """
         for frame in self.whole(now, now_ns):
             if frame != self._told or now - self._told_at >= _AGAIN_S:

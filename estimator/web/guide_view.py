@@ -1,4 +1,4 @@
-"""Content of the guide page as plain values in every language, shown as they are. Pure."""
+"""Content of the guide page as plain values in every language. Pure."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -24,9 +24,9 @@ _REST_S = Hand().rest_s
 
 @dataclass(frozen=True, slots=True)
 class Turn:
-    """One of the three turns, or of six sides to rest on: axis, picture, how to do it, and whether it is done.
+    """Turn about an axis, or side to rest on: axis, picture, instruction, and whether it is done.
 
-    `mark` is done, now or next; `state` is the same in words.
+    `mark` is done, now or next; `state` is its name in the reader's language.
     """
 
     axis: str
@@ -38,7 +38,7 @@ class Turn:
 
 @dataclass(frozen=True, slots=True)
 class Said:
-    """Texts of the guide page in one language; empty where there is nothing to say."""
+    """Texts of the guide page in one language; an empty text is not shown."""
 
     head: str
     how: str
@@ -52,7 +52,7 @@ class Said:
 
 @dataclass(frozen=True, slots=True)
 class Axis:
-    """One row of the result table in words, with 95 % intervals.
+    """Row of the result table as text, with 95 % intervals.
 
     Axis, scale factor, scale factor of the calibration before (or empty), and bias in °/s.
     """
@@ -65,10 +65,11 @@ class Axis:
 
 @dataclass(frozen=True, slots=True)
 class GuideView:
-    """Everything the guide page of a device shows, with its texts in each language.
+    """Content of a device's guide page, with its texts in each language.
 
-    following: the next device to calibrate, once this one is over. percent: fill of the ring; centre: the text inside
-    it; way: direction of the turn, 1, -1, or 0 for either. calibration: id of the result, or empty.
+    percent: fill of the progress ring, 0 to 100. centre: the text inside the ring.
+    way: direction of the turn about the axis: 1, -1, or 0 for either. calibration: id of the result, or empty.
+    following: id of the next device to calibrate, once this one is finished.
     """
 
     device: str
@@ -89,7 +90,7 @@ class GuideView:
 def guide_view(told: Instruction, known: Known, device: str, now: float) -> GuideView:
     """Build the present content of the guide page of a known device, from the guide's instruction.
 
-    now: monotonic time in s.
+    told: the instruction. now: monotonic time, s.
     """
     story = known.stories[device]
     status = story.status
@@ -119,9 +120,9 @@ def _following(known: Known, device: str, now: float) -> str:
 
 
 def unless_broken(told: Instruction, known: Known, device: str, now: float) -> Instruction:
-    """Return `told`, or an instruction with step BROKEN if a fault of the ward keeps the device's samples from arriving.
+    """Return the instruction `told`, or one with step BROKEN if a fault of the ward stops the device's samples.
 
-    now: monotonic s.
+    now: monotonic time, s.
     """
     if not known.broken(device, now):
         return told
@@ -129,7 +130,7 @@ def unless_broken(told: Instruction, known: Known, device: str, now: float) -> I
 
 
 def rows(calibration: Calibration, before: Calibration | None) -> list[Axis]:
-    """Return the result table of a calibration, a row for each axis, with the scale factors of the one `before`.
+    """Return the result table of a calibration, a row for each axis, with the scale factors of the calibration before.
 
     before: None if there is none.
     """
@@ -145,9 +146,9 @@ def rows(calibration: Calibration, before: Calibration | None) -> list[Axis]:
 
 
 def against(calibration: Calibration, before: Calibration | None, t: Texts) -> str:
-    """Compare a calibration with the one `before`: a sentence that names the axes whose scale factors differ.
+    """Return a sentence that compares two calibrations of a device, naming the axes whose scale factors differ.
 
-    before: None if it is the first, which the sentence then says.
+    before: the previous calibration; None if there is none, which the sentence then states.
     """
     if before is None:
         return t("guide.first")

@@ -1,4 +1,4 @@
-"""Heading drift: how far the heading from raw rates departs from the heading from corrected rates. Pure."""
+"""Heading drift: difference of the headings integrated from raw and from corrected rates. Pure."""
 
 from collections import deque
 from dataclasses import dataclass
@@ -20,10 +20,12 @@ _UP_S = 1.0
 
 @dataclass(frozen=True, slots=True)
 class Lost:
-    """Heading error at one moment of host time; rad.
+    """Heading error of raw rates at one moment.
 
-    read, zeroed: angle from the heading by corrected rates to that by raw rates, and by raw rates less the first bias.
-    std: possible error of the corrected heading from its bias alone, 1 σ.
+    time_s: host time, s since the Unix epoch. read: angle from the heading by corrected rates to the heading by raw
+    rates, rad.
+    zeroed: the same for raw rates less the first bias, rad. std: standard deviation of the corrected heading from its
+    bias alone, rad.
     """
 
     time_s: float
@@ -36,11 +38,11 @@ _NOTHING = Lost(0.0, 0.0, 0.0, 0.0)
 
 
 class Heading:
-    """Heading error of one device's raw rates since `restart`, against its corrected rates.
+    """Heading error of one device's raw rates against its corrected rates, since `restart`.
 
-    The heading is the turn about the vertical, which the accelerometer gives at the start. Without an
-    accelerometer it is the whole angle between two attitudes. points: errors, one a second; since_s: host time
-    of the start, 0 before it.
+    Both rates are integrated to attitudes. The heading error is the angle between them about the vertical, which the
+    accelerometer gives at the start. Without an accelerometer it is the whole angle between the two attitudes.
+    points: errors, one a second. since_s: host time of the start, s since the Unix epoch; 0 before it.
     """
 
     def __init__(self) -> None:
@@ -62,16 +64,19 @@ class Heading:
 
     @property
     def turned(self) -> float:
-        """Angle the device has turned since the start, by corrected rates; rad."""
+        """Angle that the device has turned since the start, by corrected rates, rad."""
         return float(np.linalg.norm(rotation.log(self._attitudes[0])))
 
     @property
     def now(self) -> Lost:
-        """The latest heading error; all zero before the first."""
+        """Latest heading error; all zero before the first."""
         return self.points[-1] if self.points else _NOTHING
 
     def restart(self, at_s: float) -> None:
-        """Restart at host time at_s, s, such as the start of a rest; a repeat changes nothing."""
+        """Restart at host time `at_s`, s since the Unix epoch, such as the start of a rest.
+
+        A repeat changes nothing.
+        """
         if at_s != self._asked_s:
             self._asked_s = at_s
             self._anew()
@@ -79,7 +84,8 @@ class Heading:
     def add(self, pair: Pair) -> None:
         """Integrate the rates of new samples, and add a point each second; an uncorrected sample or a gap restarts.
 
-        A new listener receives the last seconds at once; of those the samples before `restart` do not count.
+        A new subscriber receives the samples of the last seconds at once. Of these, samples before the time of
+        `restart` are not integrated.
         """
         if not np.isfinite(pair.corrected).all() or pair.boot != self._boot:
             self._boot = pair.boot

@@ -1,4 +1,4 @@
-"""HTTP errors for pages and programs alike: status code, short name, and a text for people."""
+"""HTTP errors for pages and programs: status, short code, and a text for people."""
 
 from http import HTTPStatus
 
@@ -7,10 +7,11 @@ from estimator.language.texts import LANGUAGES, Texts, texts
 
 
 class Fault(Exception):
-    """Error answered to the client: `code` for programs, `message` for people.
+    """Error sent to the client: `code` for programs, `message` for people.
 
-    Without a message, the text comes from the pages' texts, under [fault] and the code, with the values filled in.
-    reason: the estimator's reply, where it refused.
+    Without a message, the text is looked up in the pages' texts, under [fault] and the code, and `values` are filled
+    in.
+    reason: the estimator's reply, if it refused.
     """
 
     def __init__(
@@ -29,11 +30,11 @@ class Fault(Exception):
 
     @property
     def message(self) -> str:
-        """The error's text in English."""
+        """Text of the error in English."""
         return self.text(texts(LANGUAGES[0]))
 
     def text(self, t: Texts) -> str:
-        """Return the error's text in the language of `t`; a message given for programs is always English."""
+        """Return the text of the error in the language of `t`; a message given for programs is always English."""
         if self.reason:
             return t.text(self.reason)
         return self._message or t(f"fault.{self.code}", **self._values)

@@ -1,4 +1,4 @@
-"""Hub of all viewers: a frame is made once for all, and a slow viewer loses only its own frames."""
+"""Hub of all viewers: a frame is encoded once for all, and a slow viewer loses only its own frames."""
 
 import asyncio
 from collections import OrderedDict, deque
@@ -15,7 +15,7 @@ VIEWERS, OF_ONE_ADDRESS = 500, 100
 
 
 class Viewer:
-    """One browser page: its address, its topics, and the frames waiting to be sent."""
+    """Browser page that watches topics: its address, its topics, and the frames waiting to be sent."""
 
     def __init__(self, address: str = "") -> None:
         self.address = address
@@ -28,7 +28,7 @@ class Viewer:
     def put(self, topic: str, frame: Frame) -> None:
         """Queue a frame of a topic for this viewer, without waiting.
 
-        Beyond WAITING frames the oldest of the topic is dropped.
+        Beyond WAITING frames of a topic the oldest is dropped.
         """
         queue = self._waiting.setdefault(topic, deque())
         if len(queue) >= WAITING:
@@ -43,7 +43,7 @@ class Viewer:
         self._waiting.pop(topic, None)
 
     async def next(self) -> Frame | None:
-        """Wait for the next frame, topics taking turns; None when the viewer was closed."""
+        """Wait for the next frame, with topics taking turns; None when the viewer has been closed."""
         while not self._closed:
             for topic, queue in self._waiting.items():
                 if queue:
@@ -69,7 +69,7 @@ class Hub:
         self.newcomers: dict[str, set[Viewer]] = {}
 
     def full(self, address: str) -> str:
-        """Return why no further viewer is accepted from an address, in words; empty if there is room."""
+        """Return why no further viewer is accepted from an address, as text; empty if there is room."""
         if len(self.viewers) >= VIEWERS:
             return f"{VIEWERS} pages look already; this one tries again"
         if sum(viewer.address == address for viewer in self.viewers) >= OF_ONE_ADDRESS:
@@ -89,7 +89,10 @@ class Hub:
         self.viewers.discard(viewer)
 
     def watch(self, viewer: Viewer, topics: Collection[str]) -> None:
-        """Set the topics that a viewer watches, replacing its earlier ones; new topics get their whole content first."""
+        """Set the topics that a viewer watches, in place of its earlier ones.
+
+        New topics get their whole content first.
+        """
         for topic in viewer.topics - set(topics):
             viewer.forget(topic)
             newcomers = self.newcomers.get(topic, set())
@@ -109,7 +112,7 @@ class Hub:
         return found
 
     def greet(self, topic: str, frames: Iterable[Frame]) -> None:
-        """Queue the frames of a topic's whole content for its newcomers, who then count as ordinary viewers."""
+        """Queue the frames of a topic's whole content for its new viewers, who then count as ordinary viewers."""
         newcomers = self.newcomers.pop(topic, None)
         if newcomers:
             for frame in frames:

@@ -1,4 +1,4 @@
-"""HTTP server on uvicorn, with limits on connections and their duration. The only file that uses uvicorn."""
+"""HTTP server on uvicorn, with limits on connections and their duration. Only this file uses uvicorn."""
 
 import asyncio
 import contextlib
@@ -118,9 +118,9 @@ class _Bounded(H11Protocol):
 
 
 class Listener(uvicorn.Server):
-    """HTTP server for an ASGI application, with limits on connections, until `should_exit`.
+    """HTTP server for an ASGI application, with limits on connections; stops when `should_exit` is set.
 
-    Signal handlers stay ours, since uvicorn's would end the process too early.
+    Signal handlers stay unchanged, since uvicorn's would end the process too early.
     """
 
     def __init__(
@@ -155,9 +155,9 @@ class Listener(uvicorn.Server):
         self._certified = stamp_of(Path(certificate))
 
     def renew(self) -> None:
-        """Load the certificate's file for new connections if it has changed, as after a renewal.
+        """Reload the certificate's file for new connections if it has changed, as after a renewal.
 
-        A faulty file is logged.
+        A faulty file is logged, and the old certificate stays in use.
         """
         file, key, context = self.config.ssl_certfile, self.config.ssl_keyfile, self.config.ssl
         if context is None or not file or (stamp := stamp_of(Path(file))) == self._certified:
@@ -173,7 +173,7 @@ class Listener(uvicorn.Server):
 
     @contextlib.contextmanager
     def capture_signals(self) -> Iterator[None]:
-        """Replace uvicorn's context by one that leaves the signal handlers unchanged."""
+        """Context manager that replaces uvicorn's and leaves the signal handlers unchanged."""
         yield
 
 

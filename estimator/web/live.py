@@ -1,4 +1,4 @@
-"""WebSocket /live of every page: the page names the topics that it watches, and receives their frames."""
+"""WebSocket /live of every page: the page sends the topics that it watches, and receives their frames."""
 
 import asyncio
 import contextlib
@@ -21,19 +21,19 @@ _LATER, _WRONG, _SILENT = 1013, 1007, 1008
 
 
 class Wish(msgspec.Struct, forbid_unknown_fields=True):
-    """Request of a page: watch exactly these topics from now on."""
+    """Request of a page: the topics to watch from now on, in place of the earlier ones."""
 
     watch: list[str]
 
 
 class Pace:
-    """Rate limit for a viewer's requests: WISHES at once, then one each WISH_S seconds. Pure: time is an argument."""
+    """Rate limit for a viewer's requests: WISHES at once, then one every WISH_S seconds. Pure: time is an argument."""
 
     def __init__(self) -> None:
         self._until = 0.0
 
     def wait_s(self, now: float) -> float:
-        """Count one request at monotonic time `now` (s); returns the seconds to wait before reading the next."""
+        """Count one request at monotonic time `now`, s; returns the seconds to wait before reading the next."""
         self._until = max(self._until, now) + WISH_S
         return max(0.0, self._until - now - WISHES * WISH_S)
 
@@ -44,7 +44,7 @@ def routes() -> list[BaseRoute]:
 
 
 async def live(socket: WebSocket) -> None:
-    """Serve one viewer's WebSocket until it disconnects: read the topics it asks for, and send their frames."""
+    """Serve one viewer's WebSocket until it disconnects: read the topics it requests, and send their frames."""
     desk, address = Desk.of(socket), neighbourhood(socket.client.host if socket.client else "")
     await socket.accept()
     if words := desk.hub.full(address):

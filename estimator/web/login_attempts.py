@@ -1,4 +1,4 @@
-"""Rate limit for wrong passwords. Pure: time is an argument."""
+"""Rate limit for wrong passwords, by client address and by person. Pure: time is an argument."""
 
 from collections import OrderedDict
 
@@ -13,10 +13,10 @@ REMEMBERED = 4096
 
 
 class Attempts:
-    """Wrong passwords by address and by name.
+    """Counter of wrong passwords by address and by name.
 
-    A right password clears only its own name at its own address, so that a person with a password cannot guess others'
-    for ever.
+    A right password clears only its own name at its own address. So a person with a password cannot guess other
+    people's passwords without limit.
     """
 
     def __init__(self) -> None:
@@ -24,12 +24,12 @@ class Attempts:
         self._right = OrderedDict[tuple[str, str], None]()
 
     def wait_s(self, address: str, name: str, now: float) -> float:
-        """Return the seconds until another attempt is accepted; 0 if it is accepted now. now: monotonic time in s."""
+        """Return the seconds until another attempt is accepted; 0 if it is accepted now. now: monotonic time, s."""
         here = max(self._both.wait_s((address, name), now), self._addresses.wait_s((address,), now))
         return here if (address, name) in self._right else max(here, self._names.wait_s((name,), now))
 
     def failed(self, address: str, name: str, now: float) -> None:
-        """Count a wrong password for this address, this name, and the pair. now: monotonic time in s."""
+        """Count a wrong password for this address, this name, and the pair. now: monotonic time, s."""
         self._both.add((address, name), now)
         self._addresses.add((address,), now)
         self._names.add((name,), now)
@@ -37,7 +37,7 @@ class Attempts:
     def succeeded(self, address: str, name: str) -> None:
         """Record a right password, which clears the wrong ones of this name at this address.
 
-        The pair is then exempt from the limit of the name.
+        This name at this address is then exempt from the limit of the name.
         """
         self._both.clear((address, name))
         self._right[address, name] = None

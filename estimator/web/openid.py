@@ -1,4 +1,4 @@
-"""Login by an OpenID Connect provider: code flow with PKCE, by Authlib. The only file that uses Authlib."""
+"""Login by an OpenID Connect provider: code flow with PKCE, by Authlib. Only this file uses Authlib."""
 
 import logging
 import secrets

@@ -1,4 +1,4 @@
-"""Server-rendered pages of the ward, with login and logout; live.js keeps them up to date."""
+"""Server-rendered pages of the ward, with login and logout; live.js updates them."""
 
 import time
 from collections.abc import Mapping
@@ -34,9 +34,9 @@ def routes() -> list[BaseRoute]:
 
 
 def show(request: Request, template: str, values: Mapping[str, Any], status: HTTPStatus = HTTPStatus.OK) -> Response:
-    """Render a template in the reader's language, with the ward, the session, and messages that are shown once.
+    """Render a template in the reader's language, with ward, session, and messages to show once.
 
-    values: further variables of the template.
+    values: further variables of the template. status: of the response.
     """
     desk = Desk.of(request)
     session = desk.session(request)
@@ -54,7 +54,7 @@ def show(request: Request, template: str, values: Mapping[str, Any], status: HTT
 
 
 async def ward(request: Request) -> Response:
-    """Serve the ward page; ?wall=1 for a screen that nobody touches."""
+    """Serve the ward page; ?wall=1 serves the version for a wall screen without input."""
     page = ward_page(Desk.of(request).known, time.monotonic(), time.time_ns(), texts(language(request)))
     wall = request.query_params.get("wall") == "1"  # a screen that nobody touches
     plain = wall or request.cookies.get("truerate-numbers") != "1"  # set by static/choice.js
@@ -70,7 +70,7 @@ async def login_form(request: Request) -> Response:
 
 
 async def login(request: Request) -> Response:
-    """Check name and password, and start a session; on a wrong one, show the form again with the reason."""
+    """Check name and password, and start a session; if they are wrong, show the form again with the reason."""
     desk = Desk.of(request)
     given = await fields(request)
     name, to = given.get("name", "").strip(), own(given.get("to", "/"))
@@ -87,7 +87,10 @@ async def login(request: Request) -> Response:
 
 
 def begin(request: Request, response: Response, name: str, role: str, *, elsewhere: bool = False) -> None:
-    """Start a person's session, and end the browser's earlier one. elsewhere: a provider let the person in."""
+    """Start a person's session, and end the browser's earlier session.
+
+    elsewhere: whether an OpenID Connect provider authenticated the person.
+    """
     desk = Desk.of(request)
     instead = cookie.found(request)
     value = desk.sessions.begin(name, time.monotonic(), role, elsewhere=elsewhere, instead=instead)

@@ -1,4 +1,4 @@
-"""Check passwords against argon2 hashes. The only file that uses argon2."""
+"""Password check against argon2 hashes. Only this file uses argon2."""
 
 from collections.abc import Sequence
 from functools import cache
@@ -13,9 +13,9 @@ _HASHER = PasswordHasher()
 
 
 def hashed(password: str) -> str:
-    """Return the argon2 hash of a password, for the ward's file.
+    """Return the argon2 hash of a password, for the ward file.
 
-    Raises ValueError if it has fewer than MIN_LENGTH characters.
+    Raises ValueError if the password has fewer than MIN_LENGTH characters.
     """
     if len(password) < MIN_LENGTH:
         raise ValueError(f"the password has {len(password)} characters: use at least {MIN_LENGTH}")
@@ -29,7 +29,10 @@ def _nobody() -> str:
 
 
 class Passwords:
-    """Passwords of a ward's people. A check takes tens of milliseconds of a core: run it on a thread."""
+    """Passwords of a ward's people, as hashes.
+
+    A check takes tens of milliseconds of processor time: run it on a thread.
+    """
 
     def __init__(self, people: Sequence[Person]) -> None:
         self._hashes = {person.name: person.password for person in people}

@@ -1,6 +1,6 @@
 """Pages on which an administrator manages the ward's people, and a person chooses a password.
 
-A one-time link opens the page for the password.
+A one-time link opens the password page.
 """
 
 import logging
@@ -29,7 +29,7 @@ log = logging.getLogger(__name__)
 
 
 def routes() -> list[BaseRoute]:
-    """Return the routes of the people's page and of one-time links."""
+    """Return the routes of the people page and of one-time links."""
     return [
         Route("/people", people, name="people"),
         Route("/people", change, methods=["POST"]),
@@ -39,16 +39,16 @@ def routes() -> list[BaseRoute]:
 
 
 async def people(request: Request) -> Response:
-    """Serve the list of people. Raises Fault if the request is not an administrator's."""
+    """Serve the list of people. Raises Fault if the request is not from an administrator."""
     session = Desk.of(request).session(request)
     Desk.of(request).administrator(request, session.csrf if session else "")
     return _listed(request)
 
 
 async def change(request: Request) -> Response:
-    """Change the list of people as an administrator's form says, and show it.
+    """Change the list of people as requested by an administrator's form, and show it.
 
-    Adds or removes a person, changes a role, or makes a one-time link for a new password. Raises Fault for a wrong
+    Adds or removes a person, changes a role, or makes a one-time link for a new password. Raises Fault for an invalid
     form, and for a change that would leave no administrator.
     """
     desk, given = Desk.of(request), await fields(request)
@@ -79,7 +79,7 @@ async def change(request: Request) -> Response:
 
 
 async def welcome(request: Request) -> Response:
-    """Serve the form of a one-time link, on which a person chooses a password. Raises Fault for a link that ended."""
+    """Serve the form of a one-time link, on which a person chooses a password. Raises Fault for an expired link."""
     key = request.query_params.get("key", "")
     return show(request, "welcome.html", {"key": key, "person": _invited(Desk.of(request), key)})
 

@@ -40,9 +40,9 @@ async def ward(request: Request) -> Response:
 
 
 async def certificate(request: Request) -> Response:
-    """Serve the certificate of one calibration, accepted or rejected; ?label=1 for its label.
+    """Serve the certificate of one calibration, accepted or rejected; with ?label=1 its label for printing.
 
-    Raises Fault for an unknown one.
+    Raises Fault for an unknown calibration.
     """
     desk, name, number = Desk.of(request), request.path_params["device"], request.path_params["calibration"]
     known = {calibration.id: calibration for calibration in await desk.past(request, name)}
@@ -76,7 +76,7 @@ def _code(opens: URL) -> Markup:
 
 
 async def bias(request: Request) -> Response:
-    """Serve a chart of the device's bias over time as PNG; `?dark=1` for a dark page, `?narrow=1` for a phone.
+    """Serve a chart of the device's bias over time as a PNG image; ?dark=1 for a dark page, ?narrow=1 for a phone.
 
     Raises Fault if no bias is known.
     """

@@ -34,11 +34,14 @@ def certificate(
     due_days: float,
     now_ns: int,
 ) -> dict[str, Any]:
-    """Build the certificate of a calibration, accepted or rejected, in words.
+    """Build the certificate of a calibration, accepted or rejected, as values for its template in the language of `t`.
 
-    known: all known calibrations of the device. limit: largest relative scale error that is taken
-    (`SessionKnobs.scale_limit`). due_days: days until it is due again. now_ns: host time.
-    Of the result, `matrix` is empty where only the diagonal was estimated. `next` is the text that says what to do.
+    known: all known calibrations of the device. status: its latest status, or None.
+    limit: largest accepted relative error of a scale factor (`SessionKnobs.scale_limit`). due_days: days until a
+    calibration is due again.
+    now_ns: host time, ns since the Unix epoch.
+    In the result, `matrix` is empty if only the diagonal was estimated. `next` is the key of the text that says what to
+    do.
     """
     accepted, in_use = c.verdict is Verdict.ACCEPTED, status is not None and status.calibration == c.id
     newest = all(other.time_ns <= c.time_ns for other in known)
@@ -92,9 +95,9 @@ def certificate(
 
 
 def summary(known: Known, now: float, t: Texts) -> dict[str, Any]:
-    """Build the ward summary in words: all `devices` by name, and those that need a person, most urgent first.
+    """Build the ward summary as values for its template: all `devices` by name, and those that need a person.
 
-    now: monotonic time in s.
+    now: monotonic time, s. Devices that need a person are sorted by urgency.
     """
     found = known.rows(now)
     lines = {row.device: _line(row, known.stories[row.device], t) for row in found}
@@ -126,7 +129,7 @@ def _line(row: DeviceRow, story: Story, t: Texts) -> dict[str, Any]:
 
 
 def past(story: Story, device: str) -> History:
-    """Return a device's bias history for a chart, one part for each boot, with calibrations and boots since its begin.
+    """Return a device's bias history for a chart, one part for each boot, with its calibrations and boots.
 
     Points far less certain than the best are left out, since they would hide the present bias.
     """

@@ -1,4 +1,4 @@
-"""Read the body of a request, or a form in it, within limits of size and time."""
+"""Reader for the body of a request, or for a form in it, with limits of size and time."""
 
 import asyncio
 from http import HTTPStatus
@@ -14,7 +14,7 @@ WHOLE_S = 10.0
 
 
 async def body(request: Request) -> bytes:
-    """Read the whole body of a request; raises Fault if it is larger than MAX_BYTES, too slow, or incomplete."""
+    """Read the whole body of a request. Raises Fault if it is larger than MAX_BYTES, too slow, or incomplete."""
     found = b""
     try:
         async with asyncio.timeout(WHOLE_S):

@@ -1,4 +1,4 @@
-"""`truerate dashboard`: wait for a router, serve the application, obey signals."""
+"""Command `truerate dashboard`: waits for a router, serves the application, and handles signals."""
 
 import asyncio
 import contextlib
@@ -55,6 +55,8 @@ _ANY = ("0.0.0.0", "::")  # noqa: S104 - compared with, not bound
 class Server:
     """Web server of one ward's dashboard.
 
+    store: file of the estimator's store, or None. people: file that lists the people, or None. connections: largest
+    number of open connections.
     The server runs before a router is found; `connect` attaches the router's sessions later.
     """
 
@@ -79,7 +81,7 @@ class Server:
         )
 
     async def serve(self) -> None:
-        """Serve until `stop`. Raises OSError if the address, or the certificate for TLS, cannot be used."""
+        """Serve until `stop` is called. Raises OSError if the address, or the certificate for TLS, cannot be used."""
         settings = self.desk.settings
         try:
             self.uvicorn.config.load()
@@ -108,14 +110,14 @@ class Server:
         self.desk.known.alert_settings = ward.alerts
 
     def stop(self) -> None:
-        """Stop serving once open answers are sent; a second call stops at once."""
+        """Stop serving once open responses are sent; a second call stops at once."""
         self.uvicorn.force_exit = self.uvicorn.should_exit
         self.uvicorn.should_exit = True
 
     def connect(self, data: Bus, control: Bus) -> None:
-        """Attach the bus sessions of a router that was found: one for data, one for commands.
+        """Attach the bus sessions of a router that was found: one for data, one for liveliness and commands.
 
-        Called in the event loop.
+        Must be called in the event loop.
         """
         ward = self.desk.known.ward
         self._broadcast.connect(Client(ward=ward, bus=data), Client(ward=ward, bus=control))
@@ -131,8 +133,7 @@ def _place(host: str, port: int, *, tls: bool) -> str:
 def run(ward: Ward, file: WardFile[Ward] | None = None, people: WardFile[Ward] | None = None) -> int:
     """Serve the dashboard until SIGINT or SIGTERM, and return the exit code.
 
-    While no router is found, every page says so.
-    file: the ward file, which may change. people: its `people_file`.
+    file: the ward file, which may change. people: its `people_file`. While no router is found, every page says so.
     """
     gc.set_threshold(_CYCLES)
     settings = _settings(ward, people)
@@ -154,9 +155,9 @@ def _settings(ward: Ward, people: WardFile[Ward] | None) -> Dashboard:
 
 
 def routers_of(ward: Ward) -> Routers:
-    """Return the routers and the dashboard's role there: commander, or viewer if no person may give commands.
+    """Return the routers, and the dashboard's role there: commander, or viewer if no person may give commands.
 
-    A warning tells a viewer which messages its certificate does not permit.
+    For a viewer, a warning names the messages that its certificate does not permit.
     """
     if ward.dashboard.commanded:
         return ward.bus.routers_as(Role.COMMANDER)

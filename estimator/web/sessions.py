@@ -14,11 +14,13 @@ SESSIONS = 500
 
 @dataclass(slots=True)
 class Session:
-    """Login session of one person in one browser, until monotonic times `until` and `idle_until`, s.
+    """Login session of one person in one browser.
 
-    `csrf` is in each of the person's forms.
-    role: what the person may do. elsewhere: an OpenID Connect provider let the person in.
-    said: message to show once: whether it reports a success, the device's id, and the text by language.
+    until, idle_until: monotonic times of its latest end, and of its end without a request, s. csrf: token in each of
+    the person's forms.
+    role: which actions are allowed. elsewhere: whether an OpenID Connect provider authenticated the person.
+    said: message to show once: whether it reports success, the device's id, and a function that gives the text in a
+    language.
     """
 
     name: str
@@ -33,12 +35,16 @@ class Session:
     draft: str = ""
 
     def take_draft(self) -> str:
-        """Return the text of a refused note, to put back into the form, and forget it."""
+        """Return the text of a refused note for the form, and clear it."""
         draft, self.draft = self.draft, ""
         return draft
 
     def take_said(self) -> tuple[bool, str, Callable[[Texts], str]] | None:
-        """Return the message to show, or None, and forget it."""
+        """Return the message to show once, or None, and clear it.
+
+        The message is: whether it reports success (True), the device's id, and a function that gives the text in a
+        language.
+        """
         said, self.said = self.said, None
         return said
 
@@ -46,7 +52,7 @@ class Session:
 class Sessions:
     """Login sessions by cookie; only hashes of the cookies are kept.
 
-    length_s: longest session, s; idle_s: longest time without a request, s.
+    length_s: longest session, s. idle_s: longest time without a request, s.
     """
 
     def __init__(self, length_s: float, idle_s: float) -> None:
@@ -54,9 +60,10 @@ class Sessions:
         self._sessions: OrderedDict[bytes, Session] = OrderedDict()
 
     def use(self, length_s: float, idle_s: float, people: Container[str]) -> None:
-        """Use other limits (s) from now on, and end the sessions of people who left: those not among `people`.
+        """Apply changed limits, and end the sessions of people who are not among `people`.
 
-        Sessions that an OpenID Connect provider opened go on.
+        length_s: longest session, s. idle_s: longest time without a request, s. Sessions opened by an OpenID Connect
+        provider continue.
         """
         self._length_s, self._idle_s = length_s, idle_s
         for hashed, session in [*self._sessions.items()]:
@@ -66,9 +73,10 @@ class Sessions:
     def begin(
         self, name: str, now: float, role: str = "operator", *, elsewhere: bool = False, instead: str | None = None
     ) -> str:
-        """Start a person's session at monotonic time `now` (s) and return its cookie.
+        """Start a person's session at monotonic time `now`, s, and return its cookie.
 
-        Ends the browser's earlier session, whose cookie is `instead`.
+        instead: cookie of the browser's earlier session, which ends. elsewhere: whether an OpenID Connect provider
+        authenticated the person.
         """
         self.end(instead or "")
         cookie = secrets.token_urlsafe(32)
@@ -78,7 +86,7 @@ class Sessions:
         return cookie
 
     def find(self, cookie: str | None, now: float) -> Session | None:
-        """Find the session of a cookie and mark it as active; None if unknown or expired. now: monotonic time in s."""
+        """Return the session of a cookie and mark it as active; None if unknown or expired. now: monotonic time, s."""
         if not cookie:
             return None
         session = self._sessions.get(_hashed(cookie))

@@ -1,4 +1,4 @@
-"""Share expensive answers: computed once for all who ask the same, and not at all once nobody waits."""
+"""Shared computation of expensive responses: done once for equal requests, and skipped when no client waits."""
 
 import asyncio
 import time
@@ -21,7 +21,7 @@ PATIENCE_S = 1.0
 
 
 class SharedWork(Generic[T]):
-    """Computes answers one at a time on a thread of its own; equal requests share an answer for keep_s seconds."""
+    """Computes answers one at a time on its own thread; equal requests share an answer for `keep_s` seconds."""
 
     def __init__(self, keep_s: float) -> None:
         self._keep_s = keep_s
@@ -34,7 +34,7 @@ class SharedWork(Generic[T]):
     async def get(self, request: Request, key: str, make: Callable[[], T]) -> T:
         """Return the answer for a key: a kept one, or the result of make(), which runs on a thread.
 
-        Raises Fault if too many other answers are awaited, or the client has left.
+        Raises Fault if too many other answers are awaited, or if the client has disconnected.
         """
         made_s, answer = self._made.get(key, (float("-inf"), None))
         if answer is not None and time.monotonic() - made_s < self._keep_s:

@@ -59,7 +59,7 @@ VERBS = ("recalibrate", "cancel", "note", "place")
 
 
 class Desk:
-    """Services of one dashboard, shared by all requests: ward state, sessions, passwords, commands and the store."""
+    """Shared services of a dashboard, used by all requests: ward state, sessions, passwords, commands and store."""
 
     def __init__(
         self,
@@ -88,13 +88,13 @@ class Desk:
         self._store = store
 
     def use(self, settings: Dashboard, treatment: Treatment) -> None:
-        """Apply changed settings. The sessions of people who left, or whose password changed, end."""
+        """Apply changed settings; end the sessions of people who were removed, or whose password changed."""
         stay = {person.name for person in settings.people if person in self.settings.people}
         self.sessions.use(settings.session_hours * 3600, settings.idle_minutes * 60, stay)
         self.settings, self.treatment, self._passwords = settings, treatment, Passwords(settings.people)
 
     async def change_people(self, change: Callable[[Path], None], people: Iterable[Person]) -> None:
-        """Change the file that lists the people by `change(path)`, and use the new list `people` at once.
+        """Change the file that lists the people by `change(path)`, and apply the new list `people` at once.
 
         Raises Fault if there is no such file, or it cannot be written.
         """
@@ -109,7 +109,7 @@ class Desk:
 
     @classmethod
     def of(cls, connection: HTTPConnection) -> "Desk":
-        """Return the Desk of the application that a request came to."""
+        """Return the Desk of the application that received a request."""
         desk = connection.app.state.desk
         assert isinstance(desk, cls)
         return desk
@@ -121,7 +121,7 @@ class Desk:
         return self.sessions.find(cookie.found(connection), time.monotonic())
 
     def checked(self, connection: HTTPConnection, csrf: str) -> Session:
-        """Return the session of a person who gives a command; raises Fault without a valid cookie and CSRF token."""
+        """Return the session of a person who gives a command. Raises Fault without a valid cookie and CSRF token."""
         session = self.session(connection)
         if session is None:
             raise Fault(HTTPStatus.UNAUTHORIZED, "log_in", headers=CHALLENGE)
@@ -130,14 +130,14 @@ class Desk:
         return session
 
     def administrator(self, request: Request, csrf: str) -> Session:
-        """Return the session of an administrator who gives a command; raises Fault for anybody else."""
+        """Return the session of an administrator who gives a command. Raises Fault for any other person."""
         session = self.checked(request, csrf)
         if session.role != "administrator":
             raise Fault(HTTPStatus.FORBIDDEN, "not_administrator")
         return session
 
     async def let_in(self, request: Request, name: str, password: str) -> None:
-        """Check a name and password; raises Fault when wrong, or after too many attempts."""
+        """Check a name and password. Raises Fault if they are wrong, or after too many wrong attempts."""
         if not name or not password:
             raise Fault(HTTPStatus.BAD_REQUEST, "empty")
         address = neighbourhood(request.client.host if request.client else "")
@@ -160,7 +160,7 @@ class Desk:
     # ---- devices --------------------------------------------------------------------------------------------------
 
     def story(self, device: str) -> Story:
-        """Return everything known of a device; raises Fault for an unknown one."""
+        """Return the collected messages of a device. Raises Fault for an unknown device."""
         story = self.known.stories.get(device)
         if story is None:
             there = ", ".join(sorted(self.known.stories)[:20]) or "–"
@@ -168,7 +168,7 @@ class Desk:
         return story
 
     def guide(self, device: str) -> Guide:
-        """Make the guide of a device's calibration, with the settings of the device."""
+        """Build the guide of a device's calibration, with the settings of the device."""
         story = self.known.stories.get(device)
         knobs = self.treatment.of(device, story.info.model if story and story.info else "")
         return Guide(knobs.method, knobs.prior.noise_std, horizontal=knobs.horizontal_turns)
@@ -176,8 +176,9 @@ class Desk:
     async def ask(self, device: str, verb: str, who: str, words: str | Placement = "") -> CommandReply:
         """Send a command to the estimator and return its reply.
 
-        Raises Fault for a wrong text, or if no estimator answers.
-        device: also an estimator's id, for `acknowledge`. words: the text of the command; for `place` the placement.
+        device: device id, or for `acknowledge` also an estimator's id. verb: the command. who: the person. words: text
+        of the command; for `place` the placement.
+        Raises Fault for an invalid text, or if no estimator answers.
         """
         if verb != "acknowledge" or device not in self.known.alive["estimator"]:
             self.story(device)
@@ -203,10 +204,10 @@ class Desk:
             raise Fault(HTTPStatus.SERVICE_UNAVAILABLE, "no_answer") from error
 
     async def past(self, request: Request, device: str) -> list[Calibration]:
-        """Return all calibrations of a known device, oldest first: those heard, and older ones from the store.
+        """Return all calibrations of a known device, oldest first: received ones, and older ones from the store.
 
-        Adds what the store has of the device to the ward's state; that is read again after PAST_S seconds. A store that
-        cannot be read is logged. Raises Fault for an unknown device.
+        Also adds the device's stored history to the ward's state; the store is read at most every PAST_S seconds. A
+        store that cannot be read is logged. Raises Fault for an unknown device.
         """
         story, store, stored = self.story(device), self._store, list[Calibration]()
         if store is not None and store.is_file():
@@ -230,7 +231,10 @@ def _read(path: Path, device: str, boot: str) -> History:
 
 
 def placed(segment: str, side: str, wearer: str) -> Placement:
-    """Make the Placement of a form or a body; all empty ends the placement. Raises Fault for an invalid one."""
+    """Build the Placement from the fields of a form or body; if all are empty, it ends the placement.
+
+    Raises Fault for an invalid one.
+    """
     try:
         return placement(segment, side, plain(wearer))
     except Refusal:
@@ -238,6 +242,6 @@ def placed(segment: str, side: str, wearer: str) -> Placement:
 
 
 def plain(words: str) -> str:
-    """Return a text as it is stored: every kind of space becomes a plain space, and format characters are removed."""
+    """Normalise a text for the store: every kind of space becomes a plain space, and format characters are removed."""
     kinds = ((letter, category(letter)) for letter in words)
     return "".join(" " if kind == "Zs" else letter for letter, kind in kinds if kind != "Cf")

@@ -1,4 +1,4 @@
-"""Content of the ward page as plain values: head count, troubles of the ward, and one tile per device. Pure."""
+"""Content of the ward page as plain values: head count, faults of the ward, and one tile per device. Pure."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -32,10 +32,11 @@ _BY_HAND = ("awaiting still", "bias only", "degraded", "turning", "warming")
 
 @dataclass(frozen=True, slots=True)
 class Tile:
-    """Tile of one device, texts in one language, shown as they are. Numbers are for sorting, None last.
+    """Tile of one device: texts in one language. Numbers are only for sorting; None sorts last.
 
-    state: name for programs; word: name for people. advice: one plain sentence that says what to do.
-    bias_std: of the least known axis, rad/s; calibrated_ns: since the Unix epoch.
+    state: name for programs. word: name for people. advice: one plain sentence that says what to do.
+    bias_std: standard deviation of the bias on the least known axis, rad/s. calibrated_ns: ns since the Unix epoch.
+    number: index of the device in frames that cover all devices.
     """
 
     id: str
@@ -67,9 +68,9 @@ class Tile:
 
 @dataclass(frozen=True, slots=True)
 class AlertLine:
-    """A standing alert in words.
+    """Standing alert as text.
 
-    subject: device or estimator; seen: who acknowledged it.
+    subject: device or estimator. seen: the person who acknowledged it, or empty.
     """
 
     subject: str
@@ -81,10 +82,11 @@ class AlertLine:
 
 @dataclass(frozen=True, slots=True)
 class WardPage:
-    """Everything the ward page shows.
+    """Content of the ward page.
 
-    `alarm`: whether an alert waits to be acknowledged outside quiet hours. `troubles` concern the ward itself; `queue`
-    lists the devices that wait for turns by hand. `counts` holds name, tone, number and word of each state.
+    alarm: whether an alert waits to be acknowledged outside quiet hours. troubles: faults of the ward itself.
+    queue: ids of devices that wait for turns by hand. of: number of devices. counts: state, tone, number and name for
+    each state.
     """
 
     count: str
@@ -99,7 +101,10 @@ class WardPage:
 
 
 def ward_page(known: Known, now: float, now_ns: int, t: Texts) -> WardPage:
-    """Build the present content of the ward page. now: monotonic time in s; now_ns: time since the Unix epoch in ns."""
+    """Build the present content of the ward page, in the language of `t`.
+
+    now: monotonic time, s. now_ns: host time, ns since the Unix epoch.
+    """
     quiet = known.alert_settings.quiet(datetime.fromtimestamp(now_ns / 1e9).astimezone())
     alerts = [_alert(*one, now_ns, t) for one in known.alerts(now)]
     rows = known.rows(now)
@@ -137,12 +142,16 @@ def word(state: str, t: Texts) -> str:
 
 
 def troubles(known: Known, t: Texts) -> list[str]:
-    """Return the troubles of the ward itself (not of single devices), in words."""
+    """Return the faults of the ward itself (not of single devices) as sentences in the language of `t`."""
     return [t.text((trouble,)) for trouble in known.troubles()]
 
 
 def tile(row: DeviceRow, story: Story, now: float, now_ns: int, t: Texts) -> Tile:
-    """Build the tile of one device. now: monotonic time in s; now_ns: time since the Unix epoch in ns."""
+    """Build the tile of one device, in the language of `t`.
+
+    row: its row in the ward summary. story: its collected messages. now: monotonic time, s. now_ns: host time, ns since
+    the Unix epoch.
+    """
     status, info = story.status, story.info
     told_hz, measured_hz = (info.rate_hz, info.measured_rate_hz) if info else (0.0, 0.0)
     calibrated_ns = status.calibrated_time_ns if status else 0
@@ -183,7 +192,7 @@ def tile(row: DeviceRow, story: Story, now: float, now_ns: int, t: Texts) -> Til
 
 
 def worn(placement: Placement | None, t: Texts) -> str:
-    """Format a placement, `upper arm, left · bed-3`; empty if nobody wears the device, or nobody said."""
+    """Format a placement: `upper arm, left · bed-3`; empty if nobody wears the device, or no placement is recorded."""
     if not placement:
         return ""
     where = t(f"placement.{placement.segment}") if placement.segment else ""
@@ -192,12 +201,15 @@ def worn(placement: Placement | None, t: Texts) -> str:
 
 
 def toned(row: DeviceRow) -> str:
-    """Return the tone of a device (bad, ask, busy or well); a device that needs a person is never busy or well."""
+    """Return the colour class of a device (bad, ask, busy or well).
+
+    A device that needs a person is never busy or well.
+    """
     return "ask" if row.needs_person and TONES[row.state] in ("busy", "well") else TONES[row.state]
 
 
 def advice(row: DeviceRow, story: Story, t: Texts) -> str:
-    """What a person is to do with the device, in one plain sentence."""
+    """Return one plain sentence that says what a person is to do with the device, in the language of `t`."""
     key, done = row.state.replace(" ", "_"), len(story.status.axes_done) if story.status else 0
     if row.state == TRACKING and row.needs_person:
         key = "charge" if row.low_battery else "bad_samples"

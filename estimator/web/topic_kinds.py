@@ -1,4 +1,4 @@
-"""All kinds of topics, by the first part of their names. Name a new kind here."""
+"""Registry of topic kinds, by the first part of a topic's name. New kinds must be listed here."""
 
 import re
 
@@ -25,7 +25,7 @@ _NAME = re.compile(rf"(?P<kind>[a-z]+)(/(?P<device>{_ID}))?(@(?P<language>[a-z]+
 
 
 def kind_of(topic: str) -> type[Topic] | None:
-    """Return the kind of the topic of this name; None where no such topic can exist."""
+    """Return the class of the topic of this name; None if no such topic can exist."""
     found = _NAME.fullmatch(topic)
     kind = KINDS.get(found["kind"]) if found else None
     if found is None or kind is None or kind.of_a_device is not bool(found["device"]):

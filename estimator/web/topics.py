@@ -1,7 +1,7 @@
-"""Topics that a page can watch, such as `ward@zh` or `trace/chest`: the frames of each are made once for all its viewers.
+"""Topics that a page can watch, such as `ward@zh` or `trace/chest`. Frames are made once for all viewers of a topic.
 
-A topic's name has its kind, for topics of a device `/` and the device id, and for topics with words `@` and a language;
-without a language the words are English.
+A topic's name consists of its kind; for topics of a device `/` and the device id; for topics with text `@` and a
+language. Without a language the text is English.
 
 A text frame is JSON with its topic in `topic`. A binary frame begins with the topic's name: its length as one byte, the
 name, zeros up to a multiple of eight bytes. Numbers are little-endian.
@@ -20,9 +20,10 @@ from estimator.web.ward_state import Story
 
 
 class Topic:
-    """Content that pages watch under one name. All methods are called from the event loop and must be quick.
+    """Base class of content that pages watch under one name.
 
-    In all of them, now is monotonic time in s, and now_ns the time since the Unix epoch in ns.
+    All methods are called from the event loop and must return quickly. In all of them, now is monotonic time, s, and
+    now_ns is host time, ns since the Unix epoch.
     """
 
     #: a device id follows in the name: the topic exists for devices that have been heard of
@@ -39,21 +40,21 @@ class Topic:
         self._streams: list[Stream[Any]] = []
 
     def whole(self, now: float, now_ns: int) -> Iterable[Frame]:  # noqa: ARG002 - for topics that need it
-        """Return the frames of the whole present content, which a new viewer needs first; by default none.
+        """Return the frames of the whole present content, which a new viewer needs first; none by default.
 
-        now: monotonic s. now_ns: ns since the Unix epoch.
+        now: monotonic time, s. now_ns: ns since the Unix epoch.
         """
         return ()
 
     def frames(self, now: float, now_ns: int) -> Iterable[Frame]:
-        """Return the new frames for all viewers, called every period_s; by default the whole content.
+        """Return the new frames for all viewers; called every `period_s` seconds. By default the whole content.
 
-        now: monotonic s. now_ns: ns since the Unix epoch.
+        now: monotonic time, s. now_ns: ns since the Unix epoch.
         """
         return self.whole(now, now_ns)
 
     def close(self) -> None:
-        """End the topic's subscriptions when nobody watches it any more."""
+        """End the topic's subscriptions; called when no page watches the topic."""
         for stream in self._streams:
             stream.close()
 

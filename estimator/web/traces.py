@@ -1,4 +1,4 @@
-"""Traces of one device: raw and corrected rates side by side, thinned to what a chart can show. Pure."""
+"""Traces of one device: raw and corrected rates side by side, thinned for a chart. Pure."""
 
 from collections import deque
 from dataclasses import dataclass
@@ -20,9 +20,12 @@ BACK_S = 1.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pair:
-    """n samples of one boot, raw and corrected: device and host time (n,) s, rates (n, 3) rad/s.
+    """Raw and corrected rates of n samples of one boot, in the sensor frame.
 
-    bias (3,) rad/s is the reading at zero rate; accel (3,) m/s² is the mean, None without an accelerometer.
+    device_s, time_s (n,): device time, and host time since the Unix epoch, s. raw, corrected, std (n, 3): readings,
+    corrected rates and their standard deviations, rad/s.
+    bias, bias_std (3,): reading at zero rate and its standard deviation, rad/s. accel (3,): mean acceleration, m/s²;
+    None without an accelerometer.
     """
 
     boot: int
@@ -46,10 +49,10 @@ class Traces:
         self._kept: deque[Floats] = deque(maxlen=_WAITING)
 
     def take(self, now: float, raw: list[SampleBatch], corrected: list[CorrectedBatch]) -> list[Pair]:
-        """Pair the batches received by monotonic time `now` (s), in order of the readings.
+        """Pair the batches received by monotonic time `now`, s; returns the pairs in order of the readings.
 
-        A raw batch may match several corrected ones. A raw batch that has none after ALONE_S is returned with corrected
-        rates NaN.
+        A raw batch may match several corrected batches. A raw batch without a match after ALONE_S seconds is returned
+        with corrected rates NaN.
         """
         self._raw += [(now, batch) for batch in raw]
         self._corrected += corrected
@@ -68,10 +71,10 @@ class Traces:
         return found
 
     def points(self, pairs: list[Pair]) -> Floats | None:
-        """Thin new pairs to points of at most about POINTS_HZ a second, and keep them; None if there are no pairs.
+        """Thin new pairs to at most about POINTS_HZ points a second, and keep them; None if there are no pairs.
 
-        (n, 10): host time in s; raw, corrected and its std in rad/s, x, y, z, NaN where there is none. Pairs that come
-        late in device time are left out.
+        Returns (n, 10): host time, s since the Unix epoch; then x, y, z of raw rate, corrected rate and its standard
+        deviation, rad/s, NaN where missing. Pairs that come late in device time are left out.
         """
         rows = [np.column_stack([one.time_s, one.raw, one.corrected, one.std]) for one in pairs if not self._late(one)]
         if not rows:
@@ -92,7 +95,7 @@ class Traces:
         return late
 
     def kept(self) -> Floats | None:
-        """Return the points (n, 10) of the last KEPT_S seconds, or None."""
+        """Return the points (n, 10) of the last KEPT_S seconds, with columns as in `points`; None if there are none."""
         return np.concatenate(self._kept) if self._kept else None
 
 

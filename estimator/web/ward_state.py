@@ -1,6 +1,6 @@
-"""Present state of a ward and its devices, collected from all received messages: the one source of every page.
+"""Present state of a ward and its devices, collected from all received messages. Every page is built from it.
 
-Pure: `now` is monotonic time in s.
+Pure: `now` is monotonic time, s.
 """
 
 from collections import deque
@@ -51,11 +51,10 @@ _CAUSES = {
 
 @dataclass(frozen=True, slots=True)
 class Boot:
-    """A boot of a device, seen or from the store.
+    """Boot of a device, received live or read from the store.
 
-    boot: its number; time_ns: host time, ns since the Unix epoch, of its first message.
-
-    cause: a label, empty if unknown; what: model and firmware.
+    boot: its id. time_ns: host time of its first message, ns since the Unix epoch. cause: a label, empty if unknown.
+    what: model and firmware.
     """
 
     boot: int
@@ -66,9 +65,9 @@ class Boot:
 
 @dataclass(slots=True)
 class Story:
-    """Everything known of one device.
+    """Collected messages of one device: status, info, bias trail, calibrations, boots and notes.
 
-    Calibrations and boots by id, oldest first; `number` is its place in frames of all devices.
+    Calibrations and boots are by id, oldest first. number: index of the device in frames that cover all devices.
     """
 
     number: int
@@ -89,11 +88,11 @@ class Story:
 
     @property
     def boot(self) -> int:
-        """Present boot number; 0 when unknown."""
+        """Present boot id; 0 when unknown."""
         return self.status.boot if self.status else self.info.boot if self.info else 0
 
     def take_calibrations(self, calibrations: Iterable[Calibration]) -> None:
-        """Add calibrations, accepted or rejected; known or too old ones change nothing."""
+        """Add calibrations, accepted or rejected; known and too old ones change nothing."""
         all_of_them = {one.id: one for one in (*calibrations, *self.calibrations.values())}
         found = sorted(all_of_them.values(), key=lambda one: one.time_ns)
         in_use = self.status.calibration if self.status is not None else ""
@@ -105,20 +104,17 @@ class Story:
         self.calibrations = {one.id: one for one in kept}
 
     def take_note(self, note: Note) -> None:
-        """Add a person's note, and mark it in the trail; a repeat changes nothing."""
+        """Add a person's note, also to the trail; a repeat changes nothing."""
         if note not in self.notes:
             self.notes.append(note)
             self.trail.mark(Mark(note.time_ns, "note", f"{note.who}: {note.text}"))
 
     def hears(self, bridge: str) -> bool:
-        """Return whether infos of this bridge count.
-
-        The estimator takes the samples from this bridge, or from none yet.
-        """
+        """Return whether infos from this bridge count: the estimator uses its samples, or no bridge's samples yet."""
         return self.status is None or not self.status.boot or self.status.bridge in {"", bridge}
 
     def take_boot(self, boot: Boot) -> None:
-        """Add a boot; of a known boot the earlier time is kept."""
+        """Add a boot; for a known boot the earlier time is kept."""
         known = self.boots.get(boot.boot)
         if known is None or boot.time_ns < known.time_ns:
             self.boots[boot.boot] = boot
@@ -126,7 +122,7 @@ class Story:
 
 
 class Known:
-    """Everything known of a ward: devices, live bridges and estimators, alerts, and the connection to a router."""
+    """Collected messages of a ward: devices, live bridges and estimators, alerts, and the connection to a router."""
 
     def __init__(self, ward: str) -> None:
         self.ward = ward
@@ -149,9 +145,9 @@ class Known:
         self._glanced: tuple[int, dict[str, list[str]], WardSummary] | None = None
 
     def story(self, device: str, *, status: bool = False) -> Story | None:
-        """Return everything known of a device, created if new; None if there is no room.
+        """Return the collected messages of a device, created if new; None if there is no room.
 
-        status: a status has come of the device; it may replace a device without one.
+        status: whether a status of the device has arrived; then it may replace a device without a status.
         """
         if device not in self.stories:
             if len(self.stories) >= DEVICES:
@@ -166,7 +162,7 @@ class Known:
     def tidy(self, now: float) -> None:
         """Forget devices that ended, that no bridge lists, or that are uncalibrated and silent while others are not.
 
-        now: monotonic time in s.
+        now: monotonic time, s.
         """
         over, spoken = {*self._view.ended(now), *self._unlisted(now)}, self._view.silences(now)
         if spoken and min(spoken.values()) <= SILENT_S:
@@ -195,7 +191,7 @@ class Known:
         self._news += 1
 
     def take_router(self, now: float, *, there: bool) -> None:
-        """Note whether a router is connected (`there`) at monotonic time `now`, s."""
+        """Record whether a router is connected (`there`) at monotonic time `now`, s."""
         self.connected = there
         if self._alone_at is None or not there:
             self._alone_at = now
@@ -204,7 +200,7 @@ class Known:
     def take_token(self, kind: str, name: str, alive: bool) -> None:  # noqa: FBT001 - the bus's contract
         """Record whether the estimator or bridge `name` is alive. The bus calls this on its own thread.
 
-        kind: `estimator` or `bridge`. Of more than _TOKENS names a dead one is forgotten first, else the oldest.
+        kind: `estimator` or `bridge`. Beyond _TOKENS names a dead one is forgotten, else the oldest.
         """
         there = self.alive[kind]
         there[name] = alive
@@ -212,7 +208,7 @@ class Known:
             del there[next((name for name, alive in there.items() if not alive), next(iter(there)))]
 
     def take_status(self, status: Status, now: float) -> None:
-        """Keep a device's status as its latest. now: monotonic s, when it was received."""
+        """Keep a device's status as its latest. now: monotonic time of its receipt, s."""
         if (story := self.story(status.device, status=True)) is not None:
             again, story.status = story.status is not None, status
             if again and status.state not in AWAY:  # the first status may come from the bus's cache
@@ -224,7 +220,7 @@ class Known:
     def take_info(self, info: DeviceInfo) -> None:
         """Process a bridge's info about a device.
 
-        If several bridges list the device, the bridge whose samples the estimator uses counts.
+        If several bridges list the device, only the info from the bridge whose samples the estimator uses counts.
         """
         if not self._view.room(info.device, STRANGERS):
             self.left_out.add("devices")
@@ -241,9 +237,9 @@ class Known:
         self._news += 1
 
     def take_owned(self, owned: Owned, now: float) -> None:
-        """Process an estimator's message about itself, received at monotonic time `now`, s.
+        """Process an estimator's ownership message, received at monotonic time `now`, s: keep the estimator's alerts.
 
-        The first part of such a message has the estimator's alerts.
+        Only the first part of a message in several parts contains the alerts.
         """
         if not owned.part and (owned.estimator in self._estimators or len(self._estimators) < _NAMED):
             self._estimators[owned.estimator] = owned.alerts, now
@@ -251,7 +247,7 @@ class Known:
     def alerts(self, now: float) -> list[tuple[str, Placement | None, Alert]]:
         """Return (subject, placement or None, alert) for each standing alert of a device or an estimator.
 
-        Those not acknowledged come first, then the oldest. now: monotonic s.
+        Alerts not acknowledged come first, and within each group the oldest. now: monotonic time, s.
         """
         statuses = [story.status for story in self.stories.values() if story.status is not None]
         found = [(one.device, one.placement, alert) for one in statuses for alert in one.alerts]
@@ -275,7 +271,7 @@ class Known:
             story.trail.revise(revision)
 
     def take_past(self, past: History) -> None:
-        """Add a device's history from the store: calibrations, boots and bias. An unknown device is left out."""
+        """Add a device's history from the store: calibrations, boots and bias. An unknown device changes nothing."""
         if (story := self.stories.get(past.device)) is None:
             return
         story.take_calibrations(past.calibrations)
@@ -287,14 +283,14 @@ class Known:
         story.biases = next((one for one in past.biases if one.boot == keys.boot_id(story.boot)), None)
 
     def rows(self, now: float) -> list[DeviceRow]:
-        """Return the summary rows of all devices, those that need a person first. now: monotonic time in s."""
+        """Return the summary rows of all devices; devices that need a person come first. now: monotonic time, s."""
         rows = self._view.rows(now)
         return rows if self.connected else sorted(map(self._unheard, rows), key=lambda row: row.order)
 
     def row(self, device: str, now: float) -> DeviceRow:
         """Return the summary row of a known device; its state is unknown while no router is connected.
 
-        now: monotonic s.
+        now: monotonic time, s.
         """
         row = self._view.row(device, now)
         return row if self.connected else self._unheard(row)
@@ -307,21 +303,21 @@ class Known:
         return replace(row, state=UNKNOWN, needs_person=True, reason=(Code.ROUTER_GONE(), *last))
 
     def deaf(self, device: str) -> bool:
-        """Return whether a fault of the ward silences a device: the router, every estimator, or its bridge is gone."""
+        """Return whether no samples of a device can arrive: the router, every estimator, or its bridge is gone."""
         info = self.stories[device].info
         estimators, bridges = self.alive["estimator"].copy(), self.alive["bridge"].copy()
         none = (self.looked or bool(estimators)) and not any(estimators.values())
         return not self.connected or none or (info is not None and bridges.get(info.bridge) is False)
 
     def broken(self, device: str, now: float) -> bool:
-        """Return whether a fault of the ward silences the device (`deaf`), or no estimator reports the device any more.
+        """Return whether a fault of the ward stops the device's samples (`deaf`), or no estimator reports the device.
 
-        now: monotonic s.
+        now: monotonic time, s.
         """
         return self.deaf(device) or self.row(device, now).state == SILENT
 
     def troubles(self) -> Sentences:
-        """Return the troubles of the ward itself, as sentences; while no router is connected, only that fault."""
+        """Return the faults of the ward itself, as sentences; while no router is connected, only that fault."""
         if not self.connected:
             return (Code.WARD_ROUTER_GONE(),)
         seen, left_out = self.glance(), self.left_out.as_dict().get("devices")
@@ -333,7 +329,7 @@ class Known:
         return (*seen.troubles, *seen.law.values(), *more)
 
     def glance(self) -> WardSummary:
-        """Return the summary of the ward, cached until something changes."""
+        """Return the summary of the ward: devices, needs, samples and faults; cached until a message changes it."""
         alive = {kind: [name for name, there in found.copy().items() if there] for kind, found in self.alive.items()}
         if self._glanced is not None and self._glanced[:2] == (self._news, alive):
             return self._glanced[2]  # twenty guides ask for it ten times a second

@@ -1,4 +1,4 @@
-"""Topics of the ward page: tiles in words, present rate of each device, and bias over time."""
+"""Topics of the ward page: tiles as text, present rate of each device, and bias over time."""
 
 from collections.abc import Iterable, Mapping, Sequence
 
@@ -19,20 +19,23 @@ SPARKS, SPARKS_S = 40, 1200.0
 
 
 class WardTopic(topics.Topic):
-    """Content of the ward page with all tiles, sent whole every second, so that a lost frame costs nothing."""
+    """Topic with the content of the ward page and all tiles.
+
+    Sent whole every second, so that a lost frame does no harm.
+    """
 
     worded = True
 
     def whole(self, now: float, now_ns: int) -> Iterable[Frame]:
         """Yield the present content of the ward page as one text frame.
 
-        now: monotonic s. now_ns: ns since the Unix epoch.
+        now: monotonic time, s. now_ns: ns since the Unix epoch.
         """
         yield topics.text(self._topic, ward_page(self._known, now, now_ns, self._t))
 
 
 class RatesTopic(topics.Topic):
-    """Magnitude of each device's rate: minimum and maximum since the last frame, by device number."""
+    """Topic with the magnitude of each device's rate, °/s: minimum and maximum since the last frame."""
 
     period_s = RATES_S
 
@@ -41,10 +44,11 @@ class RatesTopic(topics.Topic):
         self._streams: list[Stream[Rates]] = [desk.client.rates()] if desk.client else []
 
     def frames(self, now: float, now_ns: int) -> Iterable[Frame]:  # noqa: ARG002 - of a topic
-        """Yield one binary frame with the rates since the last one.
+        """Yield one binary frame with the rates since the last frame.
 
-        float64 server time in s; float32 minimum and maximum of |rate| in °/s by device number, NaN when silent. now,
-        now_ns: see Topic.
+        Binary frame: float64 server time, s; float32 minimum and maximum of |rate|, °/s, by device number, NaN when
+        silent.
+        now: monotonic time, s. now_ns: ns since the Unix epoch.
         """
         numbers = {name: story.number for name, story in self._known.stories.items()}
         for stream in self._streams:
@@ -53,7 +57,7 @@ class RatesTopic(topics.Topic):
 
 
 def extremes(batches: Sequence[Rates], numbers: Mapping[str, int]) -> Floats:
-    """Return (n, 2) minimum and maximum of the rate's magnitude in °/s by device number; NaN for silent devices.
+    """Return minimum and maximum (n, 2) of the rate's magnitude, °/s, by device number; NaN for silent devices.
 
     numbers: number of each device; devices without a number are left out.
     """
@@ -71,15 +75,16 @@ def extremes(batches: Sequence[Rates], numbers: Mapping[str, int]) -> Floats:
 
 
 class BiasTopic(topics.Topic):
-    """Bias of each device over time, at even intervals, for small charts."""
+    """Topic with the bias of each device over time, °/s, at even intervals, for small charts."""
 
     period_s = 5.0
 
     def whole(self, now: float, now_ns: int) -> Iterable[Frame]:  # noqa: ARG002 - of a topic
-        """Yield one binary frame with the bias of all devices over the last 20 minutes at most.
+        """Yield one binary frame with the bias of all devices over at most the last 20 minutes.
 
-        float64 span in s; by device number float32 (SPARKS, 6): bias and std, x, y, z, °/s; NaN where unknown. now,
-        now_ns: see Topic.
+        Binary frame: float64 span, s; by device number float32 (SPARKS, 6): bias x, y, z and its standard deviations,
+        °/s; NaN where unknown.
+        now: monotonic time, s. now_ns: ns since the Unix epoch.
         """
         trails = [story.trail for story in self._known.stories.values()]
         first_ns = min((int(trail.times_ns[0]) for trail in trails if trail.times_ns.size), default=now_ns)

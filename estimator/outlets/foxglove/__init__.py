@@ -1,4 +1,7 @@
-"""Outlet for Foxglove: a WebSocket server with a channel for each device; `server` runs it, docs/foxglove.md shows it."""
+"""Outlet for Foxglove: a WebSocket server with a channel for each device.
+
+`server` runs it; docs/foxglove.md describes it.
+"""
 
 import argparse
 import threading
@@ -34,9 +37,9 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
 
 
 def roles(given: argparse.Namespace) -> tuple[Role, ...]:
-    """Return the roles of which the certificate needs one; empty if any role that may look will do.
+    """Return the roles of which the client certificate needs one; empty if any role with read access suffices.
 
-    Raises ConfigError for an invalid port, and for --allow-recalibrate on an address that others reach.
+    Raises ConfigError for an invalid port, and for --allow-recalibrate on an address that other machines can reach.
     """
     if not 0 <= given.port <= 65535:
         raise ConfigError(f"--port is {given.port}: use 1 to 65535, or 0 for any")
@@ -49,9 +52,9 @@ def roles(given: argparse.Namespace) -> tuple[Role, ...]:
 
 
 def serve(client: "Client", devices: Sequence[str] | None, given: argparse.Namespace, stop: threading.Event) -> int:
-    """Serve the ward to Foxglove until `stop` is set; returns the exit code 0. devices: ids, None for all.
+    """Serve the ward to Foxglove until `stop` is set; returns the exit code 0.
 
-    Raises ConfigError for a port that cannot be listened on.
+    devices: ids, None for all. given: parsed options. Raises ConfigError if the server cannot listen on the port.
     """
     from estimator.outlets.foxglove.server import FoxgloveOutlet  # noqa: PLC0415 - needs foxglove and rosbags
 

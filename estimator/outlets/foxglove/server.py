@@ -1,8 +1,8 @@
-"""The WebSocket server for Foxglove: channels, the frame of each device, and the service that asks for a calibration.
+"""WebSocket server for Foxglove: channels, the frame of each device, and the service that requests a calibration.
 
-The samples of a device are sensor_msgs/msg/Imu as CDR, the schema that Foxglove plots by its field names as it is, and that
-is also in recordings and on ROS 2. foxglove-sdk sends to each client from a bounded backlog, and drops the oldest messages of
-a client that does not read.
+The samples of a device are sensor_msgs/msg/Imu messages as CDR, as in recordings and on ROS 2; Foxglove plots this
+schema by its field names. foxglove-sdk sends to each client from a bounded queue, and drops the oldest messages of a
+client that does not read.
 """
 
 import json
@@ -48,8 +48,9 @@ _ANSWER = {"type": "object", "properties": {"accepted": {"type": "boolean"}, "me
 
 
 class FoxgloveOutlet:
-    """WebSocket server that shows one ward to Foxglove, as a context: from `with` to its end.
+    """WebSocket server that shows one ward to Foxglove; a context manager that ends the server.
 
+    devices: ids, None for all. recalibrate: whether clients may request a calibration.
     Raises ConfigError if it cannot listen on host and port.
     """
 
@@ -89,9 +90,9 @@ class FoxgloveOutlet:
         self._server.stop()
 
     def round(self, timeout_s: float) -> None:
-        """Wait at most timeout_s for samples, then send what there is to the clients that subscribed.
+        """Wait at most `timeout_s` seconds for samples, then send all new messages to the clients that subscribed.
 
-        Sends samples, poses, statuses and events.
+        Sent are samples, poses, statuses and events.
         """
         poses = dict[str, Pose]()
         for rows in self._feed.samples(timeout_s):

@@ -1,7 +1,7 @@
 """Outlet to the Lab Streaming Layer (LSL): streams of each device, and one stream of markers (docs/lsl.md).
 
-Begin at `add_arguments` and `serve`. `service` moves data, maps sample times to LSL's clock, and words what happens to
-a device; `streams` makes streams with their metadata.
+Start reading at `add_arguments` and `serve`. `service` moves data, converts sample times to LSL's clock, and writes
+markers. `streams` makes streams with their metadata.
 """
 
 import argparse
@@ -33,17 +33,17 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
 
 
 def roles(given: argparse.Namespace) -> tuple[Role, ...]:
-    """Return the roles of which the certificate needs one to receive all that is asked for.
+    """Return the roles of which the client certificate needs one to receive the requested streams.
 
-    Empty if any role that may look will do.
+    Empty if any role with read access suffices.
     """
     return (Role.COMMANDER, Role.RECORDER) if "raw" in (given.kinds or ()) else ()
 
 
 def serve(client: "Client", devices: Sequence[str] | None, given: argparse.Namespace, stop: threading.Event) -> int:
-    """Copy corrected rates, and the streams asked for, to LSL until `stop` is set; returns the exit code 0.
+    """Copy corrected rates and the requested streams to LSL until `stop` is set; returns the exit code 0.
 
-    devices: ids, None for all. Raises ConfigError without liblsl.
+    devices: ids, None for all. given: parsed options. Raises ConfigError if liblsl is missing.
     """
     try:
         from estimator.outlets.lsl.service import LslOutlet  # noqa: PLC0415 - optional extra

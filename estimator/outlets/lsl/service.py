@@ -1,4 +1,4 @@
-"""Copies a ward's messages to LSL: batches to their device's streams, notes and calibrations as markers."""
+"""Copier of a ward's messages to LSL: batches to their device's streams, notes and calibrations as markers."""
 
 import threading
 import time
@@ -23,10 +23,10 @@ _STREAMS, _FILES, _OTHER_FILES = 256, 9, 100
 
 
 class LslClock:
-    """Mapping from host time (ns since the Unix epoch) to LSL's clock (s).
+    """Conversion from host time (ns since the Unix epoch) to LSL's clock (s).
 
     local_clock: returns the present time of LSL's clock, s.
-    The host's clock may be set while the program runs. Sample times follow it, LSL's clock does not.
+    The host's clock may be set while the program runs. Sample times follow the host's clock; LSL's clock does not.
     """
 
     def __init__(self, local_clock: Callable[[], float]) -> None:
@@ -35,22 +35,23 @@ class LslClock:
         self._set_ns = host_time.set_ns()
 
     def follow(self) -> None:
-        """Measure again how far the host's clock has been set; later stamps allow for it."""
+        """Measure by how much the host's clock has been set since the start; later conversions allow for it."""
         self._set_ns = host_time.set_ns(self._set_ns)
 
     def stamp(self, time_ns: int) -> float:
-        """Convert a host time, in nanoseconds since the Unix epoch, to LSL time in s."""
+        """Convert a host time, ns since the Unix epoch, to LSL time, s."""
         return (time_ns - self._set_ns - self._ahead_ns) * 1e-9
 
     def stamps(self, times_ns: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Convert host times (n,), in nanoseconds since the Unix epoch, to LSL times (n,) in s."""
+        """Convert host times (n,), ns since the Unix epoch, to LSL times (n,), s."""
         return np.asarray((times_ns - (self._set_ns + self._ahead_ns)) * 1e-9, np.float64)
 
 
 class LslOutlet:
-    """LSL streams of a ward: corrected rates of each device, the further `kinds`, and one stream of markers.
+    """LSL streams of a ward: corrected rates of each device, the other requested kinds, and one stream of markers.
 
-    A device's streams begin once its info and its status are known, which hold the metadata.
+    devices: ids, None for all. kinds: further streams: orientation, quality, raw.
+    A device's streams begin once its info and status are known, which provide the metadata.
     """
 
     def __init__(self, client: Client, devices: Sequence[str] | None, kinds: Collection[str]) -> None:
@@ -129,9 +130,9 @@ class LslOutlet:
 
 
 class Boots:
-    """Makes the markers that come from a device's batches: reboots and missing samples.
+    """Source of markers from a device's batches: reboots and missing samples.
 
-    Call `missed` before `before` is called with the batch after the hole.
+    Call `missed` for a gap before `before` is called with the batch after the gap.
     """
 
     def __init__(self) -> None:
@@ -139,11 +140,11 @@ class Boots:
         self._missing: dict[str, int] = {}
 
     def missed(self, miss: Miss) -> None:
-        """Count samples that did not arrive, until the next batch of their device. miss: the hole in the stream."""
+        """Count samples that did not arrive, until the next batch of their device. miss: the gap in the stream."""
         self._missing[miss.device] = self._missing.get(miss.device, 0) + miss.count
 
     def before(self, batch: CorrectedBatch) -> list[str]:
-        """Return the markers to send at a batch's first sample, often none: a reboot, the number of missing samples."""
+        """Return the markers to send at a batch's first sample: a reboot, the number of missing samples; often none."""
         missing = self._missing.pop(batch.device, 0)
         known = self._boots.get(batch.device)
         self._boots[batch.device] = batch.boot
@@ -151,7 +152,7 @@ class Boots:
         return [*found, f"{batch.device} missing {missing}"] if missing else found
 
     def leave(self, device: str) -> None:
-        """Forget boot and missing samples of a device."""
+        """Forget the boot and the missing samples of a device."""
         self._boots.pop(device, None)
         self._missing.pop(device, None)
 

@@ -1,6 +1,6 @@
-"""LSL streams of a device and of its ward's markers, with metadata as XDF specifies it.
+"""LSL streams of a device, and of its ward's markers, with metadata as specified by XDF.
 
-https://github.com/sccn/xdf/wiki/Meta-Data; MoCap for quaternions: scalar first, OrientationA to D.
+See https://github.com/sccn/xdf/wiki/Meta-Data. Quaternions follow its type MoCap: scalar first, OrientationA to D.
 """
 
 import re
@@ -38,9 +38,10 @@ def _vector(label: str, unit: str, kind: str) -> list[Channel]:
 
 
 def channels_of(kind: str, info: DeviceInfo) -> list[Channel]:
-    """Return the channels of a stream of this kind (rates, orientation, quality or raw).
+    """Return the channels of a stream of this kind, each with label, unit and type.
 
-    The channels of `raw` depend on the device's sensors.
+    kind: rates (rad/s), orientation (unit quaternion), quality (grade, flags, sequence number, rate_std in rad/s) or
+    raw (rad/s, m/s², °C). The channels of `raw` depend on the device's sensors.
     """
     if kind == "rates":
         return _vector("gyro", "rad/s", "AngularVelocity")
@@ -64,7 +65,10 @@ def channels_of(kind: str, info: DeviceInfo) -> list[Channel]:
 
 
 def values_of(kind: str, batch: Batch, info: DeviceInfo) -> Columns:
-    """(n, channels) values of a batch for a stream of this kind; NaN where the batch lacks a column."""
+    """Return the values (n, channels) of a batch for a stream of this kind, in the units of `channels_of`.
+
+    NaN where the batch lacks a column.
+    """
     if isinstance(batch, OrientationBatch):
         return batch.quat_wxyz
     if isinstance(batch, CorrectedBatch):
@@ -83,7 +87,7 @@ def values_of(kind: str, batch: Batch, info: DeviceInfo) -> Columns:
 
 
 class DeviceStream:
-    """One LSL stream of a device, of one kind; passes each sample on once, in order."""
+    """LSL stream of one kind from one device; sends each sample once, in order."""
 
     def __init__(self, ward: str, kind: str, info: DeviceInfo, status: Status) -> None:
         self._kind, self._info = kind, info
@@ -101,7 +105,7 @@ class DeviceStream:
         self._outlet = pylsl.StreamOutlet(made)
 
     def push(self, batch: Batch, stamps: NDArray[np.float64]) -> None:
-        """Send the samples of a batch that were not sent before. stamps (n,): LSL times, s."""
+        """Send the samples of a batch that were not sent before. stamps (n,): LSL times of the samples, s."""
         if batch.boot != self._boot:
             self._boot, self._next = batch.boot, 0
         skip = max(0, self._next - batch.sequence)
@@ -111,7 +115,7 @@ class DeviceStream:
 
 
 class MarkerStream:
-    """The LSL stream of a ward's markers: one text channel at irregular times."""
+    """LSL stream of a ward's markers: one text channel at irregular times."""
 
     def __init__(self, ward: str) -> None:
         made = pylsl.StreamInfo(
@@ -122,7 +126,7 @@ class MarkerStream:
         self._outlet = pylsl.StreamOutlet(made)
 
     def push(self, words: str, stamp: float) -> None:
-        """Send one marker with its LSL time, s."""
+        """Send one marker. words: its text. stamp: its LSL time, s."""
         self._outlet.push_sample([words], stamp)
 
 

@@ -1,6 +1,6 @@
 """Outlet to an MQTT broker: rates once a second and retained statuses, as JSON (docs/mqtt.md).
 
-Begin at `add_arguments` and `serve`. `broker` holds the connection, `messages` makes the JSON.
+Start reading at `add_arguments` and `serve`. `broker` keeps the connection, `messages` makes the JSON.
 """
 
 import argparse
@@ -38,14 +38,18 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
 
 
 def roles(_: argparse.Namespace) -> tuple[Role, ...]:
-    """Return the roles that may receive windows (means of rates over 0.1 s); the certificate needs one of them."""
+    """Return the roles of which the client certificate needs one.
+
+    These roles may receive windows (mean rates over 0.1 s).
+    """
     return Role.VIEWER, Role.COMMANDER
 
 
 def serve(client: "Client", devices: Sequence[str] | None, given: argparse.Namespace, stop: threading.Event) -> int:
     """Publish rates and statuses of the ward to an MQTT broker until `stop` is set; returns the exit code 0.
 
-    Raises ConfigError for wrong arguments, BusError if the broker cannot be used.
+    devices: ids, None for all. given: parsed options. Raises ConfigError for wrong options, BusError if the broker
+    cannot be used.
     """
     from estimator.outlets.mqtt.broker import Broker, address_of  # noqa: PLC0415 - optional extra
     from estimator.outlets.mqtt.messages import Decimation, status_json, summary  # noqa: PLC0415 - numpy

@@ -1,4 +1,4 @@
-"""Connection to an MQTT broker, kept by paho-mqtt: it reconnects by itself."""
+"""Connection to an MQTT broker by paho-mqtt, which reconnects by itself."""
 
 import logging
 import ssl
@@ -22,9 +22,10 @@ _log = logging.getLogger(__name__)
 
 
 class Address(NamedTuple):
-    """Address of an MQTT broker, parsed from its URL.
+    """Address of an MQTT broker, parsed from its URL: host, port number, user and TLS settings.
 
-    ca, cert, key: PEM files; empty for the system's authorities, and for no certificate.
+    ca: file of the certificate authority; empty for the system's authorities. cert, key: files of the client
+    certificate; empty for none. All are PEM files.
     """
 
     host: str
@@ -40,9 +41,9 @@ class Address(NamedTuple):
 
 
 def address_of(text: str, example: str) -> Address:
-    """Parse a broker's URL, such as mqtts://USER@HOST:PORT?ca=FILE. Raises ConfigError if it is invalid.
+    """Parse a broker's URL, such as mqtts://USER@HOST:PORT?ca=FILE.
 
-    example: a URL that errors show.
+    example: a URL shown in error messages. Raises ConfigError if the URL is invalid.
     """
     scheme, mark, rest = text.partition("://")
     if not mark or scheme not in _PORTS:
@@ -65,10 +66,10 @@ def address_of(text: str, example: str) -> Address:
 
 
 class Broker:
-    """A session with a broker, as a context. Raises BusError if the first connection fails.
+    """Session with an MQTT broker, as a context manager. Raises BusError if the first connection fails.
 
-    Its topic `presence` holds `online`, or `offline` after the session ended, by MQTT's will.
-    Later connections are retried for ever; meanwhile messages are left out, and counted.
+    presence: topic that contains `online`, or `offline` after the session has ended (MQTT will message).
+    A lost connection is retried for ever. Messages in the meantime are not sent, but counted.
     """
 
     def __init__(self, address: Address, password: str | None, presence: str) -> None:
@@ -122,14 +123,17 @@ class Broker:
         self._client.loop_stop()
 
     def came_back(self) -> bool:
-        """Return whether the client reconnected since the last call; the broker may then have lost retained messages."""
+        """Return whether the client has reconnected since the last call.
+
+        The broker may then have lost retained messages.
+        """
         back, self._back = self._back, False
         return back
 
     def publish(self, topic: str, payload: bytes, *, keep: bool = False) -> bool:
         """Send a message, and return whether it was sent; False while there is no connection.
 
-        keep: the broker keeps it for later subscribers.
+        keep: whether the broker keeps it for later subscribers.
         """
         if not self._client.is_connected():
             self._left_out += 1

@@ -1,4 +1,4 @@
-"""Messages for MQTT as JSON: mean rates of each device, and its status. Rates are in rad/s, times ISO 8601. Pure."""
+"""MQTT messages as JSON: mean rates of each device, and its status. Rates in rad/s, times in ISO 8601. Pure."""
 
 from datetime import UTC, datetime
 
@@ -15,14 +15,14 @@ _WINDOWS_HZ = 10
 
 
 class Decimation:
-    """Averages the windows of each device (mean rates over 0.1 s, rad/s) to `hz` JSON messages a second."""
+    """Averager that reduces each device's windows (mean rates over 0.1 s, rad/s) to `hz` JSON messages a second."""
 
     def __init__(self, hz: int) -> None:
         self._most = _WINDOWS_HZ // hz
         self._held: dict[str, list[tuple[WindowBatch, int]]] = {}
 
     def take(self, batch: WindowBatch) -> list[bytes]:
-        """Return the JSON messages that a batch completes; windows received before are left out."""
+        """Return the JSON messages that a batch of windows completes; repeated windows are left out."""
         found = list[bytes]()
         held = self._held.setdefault(batch.device, [])
         for i in range(len(batch)):
@@ -39,7 +39,7 @@ class Decimation:
         return found
 
     def leave(self, device: str) -> None:
-        """Forget the windows held of a device."""
+        """Forget the windows held for a device."""
         self._held.pop(device, None)
 
 
@@ -70,12 +70,15 @@ def _rate_json(windows: list[tuple[WindowBatch, int]]) -> bytes:
 
 
 def summary(status: Status) -> tuple[object, ...]:
-    """Return the parts of a status whose change is published: boot, state, quality, reason, calibration."""
+    """Return the parts of a status that trigger a new message when they change.
+
+    The parts are boot, state, quality, reason and calibration.
+    """
     return status.boot, status.state, status.quality, status.reason, status.calibration
 
 
 def status_json(status: Status) -> bytes:
-    """Encode a status as JSON, with its reasons as codes and in words; bias in rad/s."""
+    """Encode a status as JSON, with its reasons as codes and as text; bias and its standard deviation in rad/s."""
     return msgspec.json.encode(
         {
             "device": status.device,

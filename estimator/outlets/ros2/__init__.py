@@ -1,4 +1,7 @@
-"""Outlet for ROS 2: publishes a ward's samples as a node with rmw_zenoh does; `node` does it, docs/ros2.md shows it."""
+"""Outlet for ROS 2: publishes a ward's samples as a node with rmw_zenoh does.
+
+`node` does it; docs/ros2.md describes it.
+"""
 
 import argparse
 import os
@@ -32,9 +35,10 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
 
 
 def roles(given: argparse.Namespace) -> tuple[Role, ...]:
-    """Return the roles of which the certificate needs one: `ros2` at the ward's router, else any that may look.
+    """Return the roles of which the client certificate needs one.
 
-    Raises ConfigError for an invalid domain or endpoint.
+    This is `ros2` at the ward's router; at another router any role with read access. Raises ConfigError for an invalid
+    domain or endpoint.
     """
     _domain(given)
     if given.ros_router:
@@ -53,9 +57,9 @@ def _domain(given: argparse.Namespace) -> int:
 
 
 def serve(client: "Client", devices: Sequence[str] | None, given: argparse.Namespace, stop: threading.Event) -> int:
-    """Publish the ward to ROS 2 until `stop` is set; returns the exit code 0. devices: ids, None for all.
+    """Publish the ward to ROS 2 until `stop` is set; returns the exit code 0.
 
-    Raises BusError if the ROS 2 router does not answer.
+    devices: ids, None for all. given: parsed options. Raises BusError if the ROS 2 router does not answer.
     """
     from bridge.bus.zenoh_bus import ZenohBus  # noqa: PLC0415 - zenoh is slow to import
     from estimator.outlets.ros2.node import Ros2Outlet  # noqa: PLC0415 - needs rosbags and xxhash

@@ -1,4 +1,4 @@
-"""The ROS 2 node of a ward: publishes samples, poses and diagnostics on zenoh as a node with rmw_zenoh does."""
+"""ROS 2 node of a ward: publishes samples, poses and diagnostics on zenoh as a node with rmw_zenoh does."""
 
 import logging
 import math
@@ -49,9 +49,9 @@ class _Publisher:
 
 
 class Ros2Outlet:
-    """ROS 2 node of one ward on the session `bus`. Call `round` again and again; closing the bus ends the node.
+    """ROS 2 node of one ward. Call `round` repeatedly; closing `bus` ends the node.
 
-    domain: ROS domain, 0 to 232.
+    devices: ids, None for all. bus: session on the ROS 2 router. domain: ROS domain, 0 to 232.
     """
 
     def __init__(self, client: Client, devices: Sequence[str] | None, bus: ZenohBus, domain: int) -> None:
@@ -71,7 +71,7 @@ class Ros2Outlet:
         return self._node.name
 
     def round(self, timeout_s: float) -> None:
-        """Wait at most timeout_s for samples, then publish samples, poses and diagnostics that have subscribers."""
+        """Wait at most `timeout_s` seconds for samples, then publish samples, poses and diagnostics to subscribers."""
         poses = dict[str, Transform]()
         for rows in self._feed.samples(timeout_s):
             self._put_samples(rows)

@@ -26,7 +26,7 @@ Matrix = Annotated[list[Vector], Meta(min_length=3, max_length=3)]
 
 
 class Said(Struct, frozen=True):
-    """One message: a code and its parameters, as docs/wire.md lists them, and the same as English text."""
+    """Message: a code and its parameters, as listed in docs/wire.md, and its English text."""
 
     code: str
     params: dict[str, str]
@@ -34,14 +34,14 @@ class Said(Struct, frozen=True):
 
 
 def said(sentences: Sentences) -> list[Said]:
-    """Convert sentences of the wire (code and parameters) into the API's messages, with the English text added."""
+    """Convert sentences of the wire (code and parameters) into the API's messages, adding the English text."""
     return msgspec.convert(sentences_as_json(sentences), list[Said])
 
 
 class Worn(Struct, frozen=True):
     """Placement of a device: body segment, side, wearer, who set it and since when.
 
-    `since` is an ISO 8601 time. Empty segment and wearer: nobody wears the device.
+    `since` is an ISO 8601 time. If segment and wearer are empty, nobody wears the device.
     """
 
     segment: str
@@ -52,10 +52,12 @@ class Worn(Struct, frozen=True):
 
 
 class Accelerometer(Struct, frozen=True):
-    """Calibration of an accelerometer by rests: corrected = scale (reading - bias), axis by axis; null if not accepted.
+    """Calibration of an accelerometer by rests: corrected = scale × (reading − bias), axis by axis.
 
-    covariance (6, 6): of bias (m/s²) and scale. cross_std: standard deviation of what an axis takes from
-    each other one, relative.
+    bias_m_s2, scale, covariance: null if not accepted. covariance (6, 6): of bias (m/s²) and scale factors (no unit),
+    in this order.
+    cross_std: relative standard deviation of the sensitivity of an axis to each other axis. poses: number of poses
+    used.
     """
 
     verdict: str
@@ -68,11 +70,17 @@ class Accelerometer(Struct, frozen=True):
 
 
 class Device(Struct, frozen=True):
-    """One device: state, bias, calibration, sample counts, battery and hardware; null means unknown.
+    """State of one device: bias, calibration, sample counts, battery and hardware; null means unknown.
 
-    `gaps` and `missing_samples` count since the estimator first saw the device. `rate_hz` is measured, `told_rate_hz`
-    is the configured output data rate. `evidence_age_s` is the time since the last rest, `nis` the mean normalised
-    innovation squared of the bias filter.
+    `bias_rad_s`, `bias_std_rad_s` (3): bias in the sensor frame and its standard deviation, rad/s. `scale` (3): scale
+    factors.
+    `rate_hz` is measured, `told_rate_hz` is the configured output data rate. `evidence_age_s`: seconds since the last
+    rest.
+    `nis`: mean normalised innovation squared of the bias filter, about 1 if it is consistent. `progress`: of the
+    calibration, 0 to 1.
+    `samples_in`, `samples_out`: numbers of samples received and corrected; `dropped`: numbers dropped, by reason;
+    `events`: counts by name.
+    `gaps` and `missing_samples` count from when the estimator first saw the device. `calibrated`: ISO 8601 time.
     """
 
     id: str
@@ -110,10 +118,10 @@ class Device(Struct, frozen=True):
 
 
 class Standing(Struct, frozen=True):
-    """A standing alert of a device or an estimator (`subject`); docs/alerts.md lists the kinds.
+    """Standing alert of a device or an estimator (`subject`); docs/alerts.md lists the kinds.
 
-    Times are ISO 8601: since when the fault lasts, when the alert was raised, and acknowledged
-    (null: not yet), by `who`.
+    Times are ISO 8601: `since`: start of the fault; `raised`: when the alert was raised; `acknowledged`: by person
+    `who`, null if not yet.
     """
 
     subject: str
@@ -132,9 +140,9 @@ class Standings(Struct, frozen=True):
 
 
 class Devices(Struct, frozen=True):
-    """All devices of a ward, those that need a person first.
+    """List of all devices of a ward; devices that need a person come first.
 
-    `tracking` of `of` devices track; `troubles` concern the ward itself.
+    `of`: number of devices. `tracking`: number of devices in state tracking. `troubles`: faults of the ward itself.
     """
 
     ward: str
@@ -146,7 +154,7 @@ class Devices(Struct, frozen=True):
 
 
 class Turn(Struct, frozen=True):
-    """One turn by hand about an axis (x, y or z): angle and closure error in degrees, duration in s."""
+    """Turn by hand about an axis (x, y or z): angle and closure error in degrees, duration in s."""
 
     axis: str
     angle_deg: float
@@ -155,10 +163,13 @@ class Turn(Struct, frozen=True):
 
 
 class OneCalibration(Struct, frozen=True):
-    """A calibration of a gyro, accepted or rejected: corrected = matrix (reading - bias).
+    """Calibration of a gyro, accepted or rejected: corrected = matrix (reading − bias).
 
+    matrix (3, 3), no unit. bias_rad_s, noise_std_rad_s (3): bias, and standard deviation of the white noise of a
+    reading, rad/s.
+    `covariance` (n, n) is in the order of `parameters`: rad/s for bias, no unit for the others. Null means that there
+    is no estimate.
     As a file, `truerate correct --calibration` accepts it.
-    `covariance` (n, n) is in the order of `parameters`; null where there is no estimate.
     """
 
     device: str
@@ -187,9 +198,9 @@ class OneCalibration(Struct, frozen=True):
 
 
 class Calibrations(Struct, frozen=True):
-    """Calibrations of one device, latest first, accepted or rejected.
+    """Calibrations of one device, accepted or rejected, latest first.
 
-    For older ones, pass `next` as `before`; null means there are none.
+    For older calibrations, pass `next` as `before`; null means there are none.
     """
 
     device: str
@@ -198,13 +209,16 @@ class Calibrations(Struct, frozen=True):
 
 
 class Words(Struct, frozen=True, forbid_unknown_fields=True):
-    """Body of a command, one line of text: the reason, the text of a note, or the kind of the alert to acknowledge."""
+    """Body of a command, one line of text: a reason, the text of a note, or the kind of the alert to acknowledge."""
 
     words: Annotated[str, Meta(max_length=500)] = ""
 
 
 class Placing(Struct, frozen=True, forbid_unknown_fields=True):
-    """Where and by whom a device is worn from now on; all empty: nobody wears the device."""
+    """Body of a placement: where and by whom a device is worn from now on.
+
+    If all fields are empty, nobody wears the device.
+    """
 
     segment: Literal["", *SEGMENTS] = ""  # type: ignore[valid-type] # the list has one place
     side: Literal["", "left", "right"] = ""
@@ -213,14 +227,14 @@ class Placing(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Reply(Struct, frozen=True):
-    """The estimator's reply to a command: whether it was accepted, and why or why not."""
+    """Reply of the estimator to a command: whether it was accepted, and why or why not."""
 
     accepted: bool
     message: list[Said]
 
 
 class ErrorWords(Struct, frozen=True):
-    """A short error code for programs, and a text for people.
+    """Error of a refused request: a short code for programs, and a text for people.
 
     reason: the estimator's reply, if it refused the command.
     """
@@ -231,13 +245,13 @@ class ErrorWords(Struct, frozen=True):
 
 
 class Error(Struct, frozen=True):
-    """Body of the response to every refused request (status 400 and above): why it was refused."""
+    """Body of the response to a refused request (status 400 and above)."""
 
     error: ErrorWords
 
 
 def devices(known: Known, now: float) -> Devices:
-    """Build the response with all devices of the ward. now: monotonic time in s."""
+    """Build the response with all devices of the ward. now: monotonic time, s."""
     rows = known.rows(now)
     return Devices(
         ward=known.ward,
@@ -250,7 +264,7 @@ def devices(known: Known, now: float) -> Devices:
 
 
 def alerts(known: Known, now: float) -> Standings:
-    """Build the response with the ward's standing alerts, those not acknowledged first. now: monotonic time in s."""
+    """Build the response with the ward's standing alerts, those not acknowledged first. now: monotonic time, s."""
     return Standings(
         [
             Standing(
@@ -263,7 +277,7 @@ def alerts(known: Known, now: float) -> Standings:
 
 
 def device(row: DeviceRow, story: Story) -> Device:
-    """Build the response for one device, from its row in the ward summary and from everything known of it."""
+    """Build the response for one device, from its row in the ward summary and its collected messages."""
     status, info = story.status, story.info
     return Device(
         id=row.device,
@@ -312,7 +326,10 @@ def _worn(one: Placement | None) -> Worn | None:
 
 
 def calibrations(name: str, story: Story, found: Sequence[Calibration], limit: int) -> Calibrations:
-    """Build one page of a device's calibrations, latest first: the last `limit` of `found`, which is oldest first."""
+    """Build one page of a device's calibrations, latest first.
+
+    found: calibrations, oldest first; the page has the last `limit` of them. name: device id.
+    """
     in_use = story.status.calibration if story.status else ""
     page = found[-limit:]
     return Calibrations(

@@ -37,12 +37,12 @@ def routes() -> list[BaseRoute]:
 
 
 def answer(content: Any, status: HTTPStatus = HTTPStatus.OK, headers: dict[str, str] | None = None) -> Response:
-    """Make a JSON response: `content` encoded by msgspec, with status and headers."""
+    """Build a JSON response from `content`, encoded by msgspec, with status and headers."""
     return Response(msgspec.json.encode(content), status, headers, _JSON)
 
 
 def refused(fault: Fault) -> Response:
-    """Make the JSON error response of a fault: its code, message and reason, with its status and headers."""
+    """Build the JSON error response of a fault: its code, message and reason, with its status and headers."""
     return answer(
         answers.Error(answers.ErrorWords(fault.code, fault.message, answers.said(fault.reason))),
         fault.status,
@@ -57,7 +57,7 @@ async def document(request: Request) -> Response:
 
 
 async def devices(request: Request) -> Response:
-    """Serve all devices as JSON, those that need a person first."""
+    """Serve all devices of the ward as JSON; devices that need a person come first."""
     known_parameters(request)
     return answer(answers.devices(Desk.of(request).known, time.monotonic()))
 
@@ -70,10 +70,9 @@ async def device(request: Request) -> Response:
 
 
 async def calibrations(request: Request) -> Response:
-    """Serve a device's latest calibrations as JSON, or with ?before=ID those older than that one.
+    """Serve a device's latest calibrations as JSON; with ?before=ID, those older than that calibration.
 
-    At most ?limit= of them.
-    Raises Fault for an unknown device or calibration.
+    At most ?limit= calibrations. Raises Fault for an unknown device or calibration.
     """
     asked = known_parameters(request, "before", "limit")
     desk, name = Desk.of(request), _named(request)
@@ -88,7 +87,7 @@ async def calibrations(request: Request) -> Response:
 
 
 def known_parameters(request: HTTPConnection, *names: str) -> QueryParams:
-    """Query parameters of the request; raises Fault if any name is not in `names`."""
+    """Return the query parameters of a request. Raises Fault if one is not in `names`."""
     unknown = set(request.query_params) - set(names)
     if unknown:
         there = "there are: " + ", ".join(names) if names else "there is none"
@@ -125,7 +124,7 @@ async def standing(request: Request) -> Response:
 
 
 async def command(request: Request) -> Response:
-    """Send a command to the estimator, and answer its reply as JSON; the last part of the path is the command.
+    """Send a command to the estimator, and answer with its reply as JSON; the last part of the path is the command.
 
     Raises Fault: 401 or 403 without the right to command, 409 if the estimator refuses, 503 if it does not answer.
     """

@@ -1,1 +1,1 @@
-"""The stream of corrected rates for any program: a WebSocket and a long poll at /api/v1/stream."""
+"""Stream of corrected rates for any program: a WebSocket and a long poll at /api/v1/stream."""

@@ -1,4 +1,4 @@
-"""A reader's position among the kept batches: delivers each sample once and in order, and reports missed ones. Pure."""
+"""Cursor of a stream reader in the kept batches: delivers each sample once and in order, reports missed ones. Pure."""
 
 from collections import deque
 from collections.abc import Iterable, Mapping
@@ -11,7 +11,7 @@ from estimator.samples.mean_rates import MeanRates
 
 
 class Place(NamedTuple):
-    """Position of a reader in a device's samples: the boot, and the number of the sample that the reader wants next."""
+    """Position of a reader in a device's samples: the boot id, and the number of the next sample to read."""
 
     boot: int
     next: int
@@ -19,7 +19,10 @@ class Place(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Missed:
-    """Samples of a boot that a reader does not get: `count` samples from number `first` on; None: an unknown number."""
+    """Samples of a boot that a reader does not get: `count` samples from number `first` on.
+
+    count: None means an unknown number, up to the end of the boot.
+    """
 
     device: str
     boot: int
@@ -28,7 +31,10 @@ class Missed:
 
 
 class Kept:
-    """The last `most` corrected batches of a subscription, in order of arrival; older ones are forgotten."""
+    """Buffer of the last `most` corrected batches of a subscription, in order of arrival; older ones are dropped.
+
+    `end`: number of batches ever added.
+    """
 
     def __init__(self, most: int) -> None:
         self.batches: deque[CorrectedBatch] = deque(maxlen=most)
@@ -37,11 +43,11 @@ class Kept:
 
     @property
     def begin(self) -> int:
-        """Number of forgotten batches: the count at which the first kept batch was added."""
+        """Number of dropped batches, which is the index of the first kept batch."""
         return self.end - len(self.batches)
 
     def add(self, batches: Iterable[CorrectedBatch]) -> None:
-        """Append batches; they must hold each sample once and in order."""
+        """Append batches, which must contain each sample once and in order."""
         for batch in batches:
             self.batches.append(batch)
             self.end += 1
@@ -56,10 +62,11 @@ class _Device:
 
 
 class Cursor:
-    """Reads kept batches for one reader, whole or as means of `hz` a second.
+    """Cursor of one reader: reads kept batches whole, or as means with `hz` means a second.
 
-    after: the place of each device from which to resume. Other devices begin with all that is kept, or, without
-    `after`, with the next sample. `places` is where each device's next document begins.
+    after: place of each device from which to resume; other devices begin with all kept samples. None: all begin with
+    the next sample.
+    `places`: for each device, where its next document begins.
     """
 
     def __init__(self, kept: Kept, after: Mapping[str, Place] | None = None, hz: float | None = None) -> None:
@@ -82,11 +89,11 @@ class Cursor:
 
     @property
     def behind(self) -> bool:
-        """True if there are kept batches that this reader has not read."""
+        """True if there are kept batches that this cursor has not read."""
         return self._position < self._kept.end
 
     def read(self, most: int) -> list[CorrectedBatch | Missed]:
-        """Return the next batches and reports of missed samples, possibly none, from at most `most` kept batches."""
+        """Return the next batches and reports of missed samples, from at most `most` kept batches; may be empty."""
         if self._position < self._kept.begin:
             self._position = self._kept.begin
             for device in self._devices.values():

@@ -1,4 +1,4 @@
-"""The stream's documents: corrected samples and reports of missed samples, as JSON or as the wire's payload. Pure."""
+"""Documents of the stream: corrected samples and reports of missed samples, as JSON or protobuf. Pure."""
 
 from typing import Annotated
 
@@ -13,10 +13,14 @@ from estimator.web.stream.cursor import Missed, Place
 
 
 class Samples(Struct, frozen=True, tag="samples", tag_field="type"):
-    """Consecutive samples of one boot, or with `hz` one mean; sample i has the number `sequence` + i.
+    """Consecutive corrected samples of one boot, or one mean of them if `hz` is given.
 
-    `time_s` is host time since 1970, `device_time_s` the device's own clock: integrate rates with it. `flags` are those of
-    docs/wire.md. `after` resumes behind these samples.
+    Sample i has the number `sequence` + i.
+    `time_s` (n): host time, s since the Unix epoch. `device_time_s` (n): the device's own clock, s; integrate rates
+    with it.
+    `rate_rad_s`, `rate_std_rad_s` (n, 3): corrected rates in the sensor frame and their standard deviations, rad/s.
+    `bias_rad_s`, `bias_std_rad_s` (3): reading at zero rate and its standard deviation, rad/s.
+    `flags` (n): see docs/wire.md. `after`: parameter that resumes after these samples.
     """
 
     device: str
@@ -35,9 +39,9 @@ class Samples(Struct, frozen=True, tag="samples", tag_field="type"):
 
 
 class MissedSamples(Struct, frozen=True, tag="missed", tag_field="type"):
-    """Samples that did not come: `count` of them from number `first` on.
+    """Samples that did not arrive: `count` of them from number `first` on.
 
-    null: all up to the end of that boot, an unknown number.
+    If `count` is null, the number is unknown: all samples up to the end of that boot.
     """
 
     device: str
@@ -49,7 +53,7 @@ class MissedSamples(Struct, frozen=True, tag="missed", tag_field="type"):
 class Answer(Struct, frozen=True):
     """Answer to a request: documents in order, possibly none, and the place to resume from.
 
-    `after` is for the next request: give each of its texts as a parameter `after`.
+    Pass each text of `after` as a parameter `after` of the next request.
     """
 
     documents: list[Samples | MissedSamples]
@@ -85,7 +89,7 @@ def message(one: CorrectedBatch | Missed, *, protobuf: bool) -> str | bytes:
 
 
 def said(device: str, place: Place) -> str:
-    """Format a place as a parameter `after`: device, boot and number of the last sample.
+    """Format a place as a parameter `after`: device, boot and number of the last sample read.
 
     For example chest.0000000000000005.1239. The number is -1 before the first sample of a boot.
     """

@@ -35,7 +35,10 @@ BEGIN_S = 15.0
 
 
 class Feed:
-    """One subscription to corrected rates, of a device or the whole ward, with its last batches and its readers."""
+    """Subscription to corrected rates, of a device or the whole ward, with its last batches and its readers.
+
+    most: number of batches kept.
+    """
 
     def __init__(self, stream: Corrected, most: int) -> None:
         self.stream, self.kept = stream, Kept(most)
@@ -45,7 +48,7 @@ class Feed:
         self.settled = asyncio.Event()
 
     async def take(self, now: float) -> None:
-        """Keep the received batches and wake the readers. now: monotonic time in s."""
+        """Keep the received batches and wake the readers. now: monotonic time, s."""
         caught_up, drain = self.stream.caught_up, self.stream.drain
         # The history of a ward takes a second to decode: a thread does it, while pages and other readers go on.
         batches = drain() if self.settled.is_set() else await asyncio.to_thread(drain)
@@ -61,7 +64,7 @@ class Feed:
 
 
 class Reader:
-    """One program that reads the stream of corrected rates, with a cursor (position) in each of its feeds."""
+    """Program that reads the stream of corrected rates, with a cursor (position) in each of its feeds."""
 
     def __init__(self, feeds: dict[str, Feed], asked: Asked, address: str, turn: asyncio.Lock) -> None:
         self.address, self.news, self._turn = address, asyncio.Event(), turn
@@ -69,7 +72,7 @@ class Reader:
         self._cursors: list[Cursor] = []
 
     async def begin(self) -> None:
-        """Wait until the batches that publishers kept have arrived, then place the cursors.
+        """Wait until cached batches of the publishers have arrived, then place the cursors.
 
         Raises Fault if they do not arrive within BEGIN_S seconds.
         """
@@ -88,9 +91,9 @@ class Reader:
     async def read(
         self, make: Callable[[CorrectedBatch | Missed], T], most: int = AT_ONCE, wait_s: float = inf
     ) -> list[T]:
-        """Wait for the next samples and return make(one) of each batch or report, from about `most` batches.
+        """Wait for the next samples and return make(one) of each batch or report of missed samples.
 
-        Empty if none came within wait_s seconds.
+        most: about the number of batches to read. Empty if nothing arrives within `wait_s` seconds.
         """
         each = max(1, most // len(self._cursors))
         deadline_s = time.monotonic() + wait_s
@@ -118,7 +121,10 @@ class Reader:
 
 
 class Feeds:
-    """Subscriptions of a dashboard by device id, "" for the whole ward; each ends LINGER_S after its last reader."""
+    """Subscriptions of a dashboard by device id ("" for the whole ward).
+
+    Each subscription ends LINGER_S seconds after its last reader.
+    """
 
     def __init__(self) -> None:
         self._feeds: dict[str, Feed] = {}
@@ -127,10 +133,10 @@ class Feeds:
 
     @contextmanager
     def reader(self, client: Client | None, asked: Asked, address: str) -> Iterator[Reader]:
-        """Context with a reader of the devices asked for. address: of the program, by which readers are limited.
+        """Context manager with a reader of the requested devices.
 
-        client: subscribes; None until a router is first connected.
-
+        client: makes the subscriptions; None until a router is first connected. address: of the program; the number of
+        readers per address is limited.
         Raises Fault if there are too many readers, or no router.
         """
         if client is None:

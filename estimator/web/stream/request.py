@@ -1,4 +1,4 @@
-"""Parameters of a request for the stream, parsed and checked."""
+"""Parameters of a request for the stream: parsed and checked."""
 
 import re
 from dataclasses import dataclass
@@ -25,9 +25,11 @@ FORMATS = ("json", "protobuf")
 
 @dataclass(frozen=True, slots=True)
 class Asked:
-    """Checked parameters of a request: devices (none: all), places to resume from, rate of means, format, wait in s.
+    """Checked parameters of a request for the stream.
 
-    after: None begins with the next sample, empty with all kept samples. hz: means a second, None for every sample.
+    devices: ids; empty means all. after: places from which to resume; empty begins with all kept samples, None with the
+    next sample.
+    hz: means a second, None for every sample. wait_s: longest wait, s.
     """
 
     devices: tuple[str, ...]

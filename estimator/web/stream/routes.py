@@ -1,4 +1,4 @@
-"""The two ways to read the stream, at one address: a WebSocket, and requests that wait for the next samples."""
+"""Routes of the stream, at one address: a WebSocket, and a long poll that waits for the next samples."""
 
 import asyncio
 import contextlib
@@ -33,7 +33,7 @@ def routes() -> list[BaseRoute]:
 
 
 async def poll(request: Request) -> Response:
-    """Answer the next samples as JSON, at the latest after ?wait_s= seconds, possibly none.
+    """Answer with the next samples as JSON, after at most ?wait_s= seconds; possibly without samples.
 
     Raises Fault for an invalid parameter, too many readers, or no router.
     """
@@ -48,7 +48,7 @@ async def poll(request: Request) -> Response:
 async def stream(socket: WebSocket) -> None:
     """Send corrected samples by WebSocket until the program disconnects.
 
-    A refused connection is closed with code 4000 + HTTP status, and the reason in words.
+    A refused connection is closed with code 4000 + HTTP status, and the reason as text.
     """
     await socket.accept()
     try:
