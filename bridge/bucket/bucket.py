@@ -49,9 +49,10 @@ class S3(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
             )
 
     def keys(self) -> list[str]:
-        """Return [access key, secret key], from `credentials_file`, or per key from the environment if the file lacks the key.
+        """Return [access key, secret key] of the storage.
 
-        The environment variables are AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY.
+        The keys come from `credentials_file`. A key that the file lacks comes from the environment variable
+        AWS_ACCESS_KEY_ID or AWS_SECRET_ACCESS_KEY.
         Raises ConfigError if a key is missing or the file is unreadable, or if other users can read or change the file.
         """
         file, told = self.credentials_file, configparser.ConfigParser(interpolation=None)

@@ -17,8 +17,8 @@ LOOK_S, LAST_S = 60.0, 10.0
 class Mirror:
     """Thread that copies finished files to one folder of a bucket and repeats failed copies. Starts when constructed.
 
-    An object in the bucket is never replaced. If it has another size than the local file of its name, `fault` reports
-    it.
+    Objects in the bucket are never replaced. If an object and the local file of the same name differ in size, `fault`
+    reports the difference.
     folder: folder of the bucket, within the ward's folder. files: returns the paths of the finished local files.
     name: returns the object name for a path; every path needs a different name.
     look_s: seconds between two searches for new files.
@@ -48,7 +48,7 @@ class Mirror:
         return self._there.get(self._name(path)) == path.stat().st_size
 
     def close(self) -> None:
-        """Copy the files that are finished now, then end the thread; waits at most LAST_S seconds.
+        """Copy the files that are finished now, then end the thread; waits at most LAST_S (10) seconds.
 
         Files not copied by then are copied after the next start of the program.
         """

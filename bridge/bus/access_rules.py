@@ -4,9 +4,9 @@ Everything without a rule is denied. Only a commander may start a recalibration,
 for its users; see docs/security.md.
 
 zenoh identifies a member by the exact common name of its certificate, so the rules name every member. zenoh denies
-silently: a subscription wider than its rule receives nothing. `KEY/@adv/**` carries the history and heartbeats of
-zenoh's advanced publishers, which keep a cache, and the announcements of advanced publishers in other programs.
-The wildcard `**` does not match the chunk `@adv`.
+silently: a subscription wider than its rule receives nothing. Publishers with a cache answer queries
+on keys `KEY/@adv/**`. Advanced publishers of other zenoh programs also announce themselves and send heartbeats there. The
+wildcard `**` does not match the chunk `@adv`, so the rules name these keys as well.
 """
 
 from collections.abc import Sequence
@@ -102,7 +102,7 @@ def _rights(ward: str, member: Member) -> Rights:
 
 
 def access_control(places: Sequence[tuple[str, Member]]) -> dict[str, Any]:
-    """Build the `access_control` section of a zenoh router file. Everything that no rule allows is denied.
+    """Build the `access_control` section of a router's zenoh configuration file. Everything that no rule allows is denied.
 
     places: pairs (ward, member); one member may appear in several wards.
     """

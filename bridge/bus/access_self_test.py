@@ -19,11 +19,12 @@ _NOBODY = "nobody"
 def self_test(
     bus: Bus, routers: Routers, ward: str, open_bus: Callable[[Sequence[str]], Bus] = ZenohBus, wait_s: float = WAIT_S
 ) -> list[str]:
-    """Test if a running router enforces its access rules. Return the faults as sentences, [] if there are none.
+    """Test if a running router enforces its access rules; return the faults as sentences.
 
-    Without certificates there are no rules and the result is []. Otherwise open_bus opens a second session, which
-    declares two liveliness tokens: first a forbidden one, then this member's own token. `bus` must see only the second
-    token.
+    Returns [] if there are no faults, or without certificates, because then there are no rules.
+    Method: open_bus opens a second session, which declares two liveliness tokens: first a forbidden one, then this
+    member's own token. `bus` must see only the second token.
+    bus: this program's open session. routers: router endpoints and this program's certificate. ward: id of the ward.
     wait_s: seconds to wait for the allowed token.
     Raises ValueError if the certificate is unreadable or names no role.
     """

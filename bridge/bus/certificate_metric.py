@@ -16,7 +16,7 @@ ENDS = MetricFamily(
 def certificate(routers: Routers) -> Iterator[MetricFamily]:
     """Yield one Prometheus metric with the certificate's expiry time, s since the Unix epoch; nothing without certificate.
 
-    Reads the certificate file at each call, because a renewal may replace the file.
+    routers: gives the certificate. Reads the certificate file at each call, because a renewal may replace the file.
     """
     lasts = routers.lasts()
     if lasts is not None:

@@ -37,8 +37,8 @@ class Publisher(Protocol):
     def wanted(self) -> bool:
         """True if a subscriber exists now, or if the publisher has a cache.
 
-        False means that a message sent now reaches no reader. Late subscribers read the cache, so a cache always wants
-        messages.
+        False means that a message sent now reaches no reader. A publisher with a cache is always wanted, because late
+        subscribers read the cache.
         """
 
     def close(self) -> None:

@@ -23,7 +23,7 @@ MOST_SOURCES = 1 << 16
 
 
 class Gap(NamedTuple):
-    """Gap in a publisher's message numbers: the messages from number `start` on are missing."""
+    """Gap in a publisher's message numbers. source: the publisher. start: number of the first missing message."""
 
     source: Source
     start: int
@@ -47,7 +47,8 @@ class _State(Generic[_T]):
 class GapDetector(Generic[_T]):
     """Puts numbered messages of many publishers in order and tracks the missing numbers of each publisher.
 
-    Each publisher numbers its messages from 0. `now_s`: time of the call, seconds of a monotonic clock.
+    Each publisher numbers its messages from 0. source: the publisher. now_s: time of the call, seconds of a monotonic
+    clock.
     Methods that return messages return those that can be delivered now, in the order of their numbers.
     """
 
@@ -87,9 +88,9 @@ class GapDetector(Generic[_T]):
         self._review(source, state, now_s)
 
     def history(self, source: Source, found: Mapping[int, _T], now_s: float) -> Sequence[_T]:
-        """Add a publisher's cached messages (number to message) from before the subscription; return the messages to deliver now.
+        """Add messages that a publisher sent before the subscription began; return the messages to deliver now.
 
-        now_s: seconds of a monotonic clock.
+        found: messages from the publisher's cache, by message number. now_s: seconds of a monotonic clock.
         """
         state = self._state(source)
         ready = self._fill(source, state, found)
@@ -109,10 +110,11 @@ class GapDetector(Generic[_T]):
         return gaps
 
     def answered(self, source: Source, found: Mapping[int, _T], now_s: float) -> Sequence[_T]:
-        """Add the answer of a publisher's cache about a gap (number to message); return the messages to deliver now.
+        """Add the answer of a publisher's cache to the query about a gap; return the messages to deliver now.
 
-        An empty answer means that the publisher was unreachable. The gap is then queried again after a pause, and
-        counted as missed after PATIENCE_S seconds without progress. now_s: seconds of a monotonic clock.
+        found: cached messages by message number; empty if the publisher was unreachable. An unreachable publisher is
+        queried again after a pause. After PATIENCE_S (30) seconds without progress, the missing messages count as missed.
+        now_s: seconds of a monotonic clock.
         """
         state, before = self._state(source), self._state(source).next
         ready = self._fill(source, state, found)

@@ -101,7 +101,7 @@ class GapRepair:
         self._watched = [*self._watched, (channel, handle)]
 
     def begin(self, subscription: Subscription, most: int | None) -> None:
-        """Fetch cached messages from before a new subscription and deliver them to the subscription.
+        """Fetch the messages sent before a new subscription from publishers' caches, and deliver them to the subscription.
 
         most: number of newest messages to fetch from each publisher; None for all.
         """
@@ -118,7 +118,7 @@ class GapRepair:
             self._ask(f"{pattern}/{HISTORY}/*", what, came)
 
     def past(self, place: str, what: str = "") -> handlers.Handler[zenoh.Reply]:
-        """Query publishers' caches; return the zenoh channel that receives the replies, for at most PAST_S seconds.
+        """Query publishers' caches; return the zenoh channel that receives the replies, for at most PAST_S (2) seconds.
 
         place: key or pattern of the publishers, followed by `/@adv/SESSION`. what: query parameters, as listed in
         `publisher_cache`; "" for all messages.

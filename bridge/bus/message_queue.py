@@ -18,8 +18,8 @@ class Message(NamedTuple):
 class MessageQueue:
     """First-in-first-out queue of bus messages. A full queue drops its oldest messages and counts them as missed.
 
-    capacity: largest number of live messages. History from publishers' caches does not count towards `capacity` until
-    read, because the history of a large ward can exceed a short queue. Raises ValueError for a capacity below 1.
+    capacity: largest number of live messages. History from publishers' caches does not count towards `capacity`,
+    because the history of a large ward can exceed a short queue. Raises ValueError for a capacity below 1.
     """
 
     def __init__(self, capacity: int) -> None:
@@ -110,9 +110,10 @@ class MessageQueue:
 
 
 def newest_last(pasts: Iterable[Sequence[Message]]) -> list[Message]:
-    """Merge lists of messages into one list. Each key keeps its order, and the newest messages of all keys come last.
+    """Merge lists of messages into one list that ends with the newest message of every key.
 
-    pasts: lists that are not empty, each with messages of one key.
+    The second newest message of every key comes before, and so on. The messages of each key stay in order.
+    pasts: lists that are not empty, each with messages of one key, oldest first.
     """
     by_key: dict[str, list[Message]] = {}
     for past in pasts:

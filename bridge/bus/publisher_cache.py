@@ -9,7 +9,7 @@ with the right to subscribe to KEY may query there. A query without parameters r
 
 - `most=N`: the last N messages of each publisher
 - `publisher=P;from=N`: the messages of publisher P from number N on
-- `last=S`: the newest message without its payload, of publishers that sent it within S seconds and have paused since
+- `last=S`: the number of the newest message, in a reply without payload, if this message is 1.5 to S seconds old
 
 A session declares one zenoh queryable for all keys that differ only in the last chunk, `PLACE/*/@adv/SESSION`. The
 router's access rules allow this queryable for every kind of message except `owned`.
@@ -80,7 +80,8 @@ class Cache:
     def found(self, asked: Mapping[str, str]) -> Iterable[Kept]:
         """Return the cached messages (number, payload) that the query parameters select.
 
-        The text at the top of this file lists the parameters. Raises ValueError for a parameter that is not a number.
+        asked: query parameters by name; the docstring of this module explains them. Raises ValueError for a parameter
+        that is not a number.
         """
         kept = list(self._kept)
         if "last" in asked:

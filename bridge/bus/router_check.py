@@ -1,4 +1,4 @@
-"""Check of a router's zenoh file (JSON5): every difference from the file that truerate would write is a fault.
+"""Check of a router's zenoh configuration file (JSON5): every difference from the file that truerate would write is a fault.
 
 The comparison uses the endpoints and members in the checked file.
 """
@@ -28,7 +28,7 @@ _SHORT = 80  # characters; longer values are not shown
 
 @dataclass(frozen=True, slots=True)
 class RouterFile:
-    """Content of a router's zenoh file, and the faults found in it.
+    """Content of a router's zenoh configuration file, and the faults found in it.
 
     listen: endpoints to listen on. join: endpoints of other routers to connect to. identity: paths of the certificate
     files; None without TLS.
@@ -50,7 +50,7 @@ class RouterFile:
 
 
 def read(path: Path) -> RouterFile:
-    """Read a router's zenoh file and check it against the file that truerate would write.
+    """Read a router's zenoh configuration file and check it against the file that truerate would write.
 
     Raises BusError if zenoh cannot read the file. All other faults are listed in the result.
     """
@@ -79,7 +79,10 @@ def read(path: Path) -> RouterFile:
 
 
 def open_to_others(listen: Sequence[str]) -> Iterator[str]:
-    """Yield one sentence if other machines can reach an endpoint without a certificate, else nothing."""
+    """Yield one sentence if other machines can reach an endpoint without a certificate, else nothing.
+
+    listen: endpoints on which a router listens.
+    """
     if reached := [endpoint for endpoint in listen if not secured(endpoint) and not loopback(endpoint)]:
         yield f"{', '.join(reached)}: every machine in reach can read and command the ward; use tls/..., or 127.0.0.1"
 

@@ -1,4 +1,4 @@
-"""Content of a router's zenoh file (JSON5), for zenohd and for `truerate router`. No I/O."""
+"""Content of a router's zenoh configuration file (JSON5), for zenohd and for `truerate router`. No I/O."""
 
 import json
 import re
@@ -25,7 +25,7 @@ _WHY = {
 
 
 def rendered(settings: zenoh_settings.Settings, title: str) -> str:
-    """Format zenoh settings as the JSON5 text of a router file, with a comment above each part.
+    """Format zenoh settings as the JSON5 text of a router's configuration file, with a comment above each part.
 
     title: text of the comment at the top of the file, one or more lines.
     """

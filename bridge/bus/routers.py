@@ -51,7 +51,7 @@ class Routers(Sequence[str]):
             return None
 
     def soon(self) -> list[str]:
-        """Return [warning] if the certificate is due for renewal but has not expired yet, else []."""
+        """Return one warning, as a sentence, while the certificate is due for renewal and has not expired; else []."""
         lasts = self.lasts()
         if self.identity is None or lasts is None or not lasts.soon <= datetime.now(UTC) < lasts.ends:
             return []

@@ -52,12 +52,13 @@ def claim_id(
     another: Callable[[str], object] = lambda _: None,
     meanwhile: Callable[[], object] = lambda: None,
 ) -> Declared:
-    """Claim an id in a ward; another program of the same kind (`bridge` or `estimator`) must not use the id.
+    """Check that no other running program of the same kind uses an id in a ward, and keep watching for others.
 
-    own: the id to claim. another: called with the id of each other program that appears. meanwhile: called once, for
-    work that can be done while the call waits for others to appear.
-    Returns the watch on the liveliness tokens of the others; the caller closes it.
-    Raises BusError if a program with the same id is still alive after 3 s, longer than a killed program appears alive.
+    kind: `bridge` or `estimator`. own: the id to check. another: called with the id of each other program that appears.
+    meanwhile: called once, for work that can be done while the call waits for others to appear.
+    Returns the handle of the watch on the other programs' liveliness tokens; the caller closes it.
+    Raises BusError if a program with the same id is still alive after 3.5 s. A killed program appears alive for less
+    than 3 s.
     """
     there: dict[str, bool] = {}
 

@@ -153,9 +153,9 @@ class ZenohBus:
 
         alive: True when a token appears, False when it disappears. Raises BusError for an invalid pattern.
         All tokens disappear when the router is lost: check `connected` before treating a device or program as gone.
-        zenoh 1.10.2 may miss a token that disappears in the same millisecond in which the watch begins. Timed to
-        coincide, this happened in 3 of 1800 trials under load. The token then seems alive until the session reconnects.
-        Only arriving data proves that a sender is alive.
+        zenoh 1.10.2 may miss the end of a token that disappears in the millisecond in which the watch begins. A load
+        test that timed both to coincide saw this in 3 of 1800 trials. The token then seems alive until the session
+        reconnects. Only arriving data proves that a sender is alive.
         """
         with self._doing(f"watch {check_pattern(pattern)}"):
             watcher = self._session.liveliness().declare_subscriber(

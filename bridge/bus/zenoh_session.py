@@ -1,8 +1,8 @@
 """zenoh sessions: opening, closing, settings files, conversion of errors, and handles of declared objects.
 
-zenoh channels receive the data, and daemon threads of this package read the channels. zenoh's callbacks are not used:
-one form of callback adds a thread that keeps a failed program from exiting. The other needs the lock of the Python
-interpreter on zenoh's receive path.
+zenoh puts received data into channels, and daemon threads of this package read the channels. zenoh's callbacks are not
+used. One form of callback adds a thread that keeps a failed program from exiting. The other form makes zenoh's receiving
+thread wait for the lock of the Python interpreter.
 """
 
 import contextlib

@@ -8,9 +8,10 @@ from bridge.toml.loader import ConfigError
 
 
 def add_reading(verb: argparse.ArgumentParser, *, device: bool = True) -> None:
-    """Add the command-line options of a Reading: sample rate, units, columns and boot of a recording's file.
+    """Add command-line options for what a recording's file lacks: sample rate, units, columns and boot.
 
-    device: True adds also the option that chooses one device of a file with several.
+    `reading_of` returns the parsed options. device: True also adds the option that chooses one device of a file with
+    several.
     """
     told = verb.add_argument_group("properties missing or wrong in the file")
     told.add_argument("--rate-hz", type=float, metavar="HZ", help="output data rate in Hz; replaces the file's times")
@@ -40,7 +41,10 @@ def add_reading(verb: argparse.ArgumentParser, *, device: bool = True) -> None:
 
 
 def reading_of(given: argparse.Namespace) -> Reading:
-    """Return the parsed options as a Reading. Raises ConfigError for an invalid option."""
+    """Return the parsed options of `add_reading` as a Reading: the properties that a recording's file lacks.
+
+    Raises ConfigError for an invalid option.
+    """
     try:
         return Reading(**{name: getattr(given, name) for name in Reading.__struct_fields__ if name != "device"})
     except RecordingError as error:

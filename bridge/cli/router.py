@@ -1,4 +1,4 @@
-"""Command-line verb `truerate router`: runs a zenoh router with the settings of a ward file or of a router file."""
+"""Command-line verb `truerate router`: runs a zenoh router with the settings of a ward file or of a zenoh configuration file."""
 
 import argparse
 import logging

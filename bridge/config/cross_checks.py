@@ -35,10 +35,10 @@ def faults(wards: Mapping[Path, Root], routers: Sequence[RouterFile], now: datet
 
 
 def soon(wards: Mapping[Path, Root], routers: Sequence[RouterFile]) -> Iterator[str]:
-    """Yield a sentence for each certificate that expires soon: in the last 14 days, or last third, of its validity period.
+    """Yield a sentence for each certificate of these ward files and routers that expires soon.
 
-    The shorter of the two applies. The sentence begins with the path of the file. wards: content of ward files, by
-    path.
+    A certificate expires soon in the last 14 days of its validity, or in the last third if this is shorter.
+    Each sentence begins with the path of the file. wards: content of the ward files, by path.
     """
     for path, root in wards.items():
         yield from (f"{path}: [bus]: {words}" for routers in root.bus.every() for words in routers.soon())
@@ -47,9 +47,10 @@ def soon(wards: Mapping[Path, Root], routers: Sequence[RouterFile]) -> Iterator[
 
 
 def unused(wards: Mapping[Path, Root]) -> Iterator[str]:
-    """Yield a sentence for each device that `[estimator] models` names but that is not enrolled.
+    """Yield a sentence for each device id in `[estimator] models` that is not an enrolled device.
 
-    Without a table [devices], the names are compared with the bridges' devices in these files.
+    Enrolled devices are those of the table [devices]. Without this table, they are the devices of the bridges in the
+    ward files.
     wards: content of the ward files, by path.
     """
     for path, root in wards.items():

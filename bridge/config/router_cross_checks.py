@@ -10,11 +10,12 @@ _ANEW = "write both files of the router with `truerate pki router`, and copy bot
 
 
 def faults(router: RouterFile) -> Iterator[str]:
-    """Yield a sentence for members that a router trusts without access rules, and for members with rules it does not trust.
+    """Compare the members whose certificates a router accepts with the members in its access rules.
 
-    The certificate issuers that the router trusts are compared with the names in its access rules. Nothing is compared
-    if a certificate is unreadable, or if no issuers of single members are trusted because the site has its own
-    authority.
+    Yields one sentence about members that are accepted but have no rules, and one about members that have rules but are
+    not accepted. A member is accepted if the router trusts the issuer of the member's certificates.
+    Yields nothing if the router has no readable certificates, or if it trusts a site's own authority instead of one
+    issuer per member.
     """
     try:
         trusted = [common_name(one) for one in certificates(router.identity.ca)] if router.identity else []

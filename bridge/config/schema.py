@@ -134,10 +134,10 @@ class Bus(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
         return bool(self.pki or self.key)
 
     def every(self) -> list[Routers]:
-        """Return the routers' endpoints with each certificate of this machine's programs: one Routers object per certificate.
+        """Return one Routers object for each certificate of this machine's programs, each with all router endpoints.
 
-        Without certificates, the result is one Routers object without identity. If the folder `pki` has no certificate,
-        the paths in the result do not exist, so that a later check reports them.
+        If the table names no certificates, the result is one Routers object without identity. If the folder `pki` has
+        no certificate, the identity in the result has paths that do not exist. A later check then reports these paths.
         """
         if self.key:
             return [Routers(self.connect, Identity(self.ca, self.certificate, self.key))]

@@ -1,7 +1,7 @@
 """Ward file of a running program: reloads the file when it changes, and rejects the whole file if any part is invalid.
 
 Each program watches its own file, so a reload needs no command and no access right. On the bus, each program reports
-which content of the file it has read last, and which settings took effect. `truerate reload` and `truerate doctor`
+the hash of the file content that it read last, and which settings took effect. `truerate reload` and `truerate doctor`
 query these reports.
 """
 
@@ -37,8 +37,9 @@ _log = logging.getLogger(__name__)
 
 
 class WardFile(Generic[R]):
-    """Ward file of one running program. `root` is the content in force; `report` is the result of the last reading.
+    """Ward file of one running program, which is read again when it changes.
 
+    root: content in force. report: for the content read last, the settings that took effect, or why it was rejected.
     kind: type of the content, Root or a subclass. uses: tables that the program uses in addition to `ward` and `bus`.
     live: settings that take effect without a restart, such as `bridge.devices`.
     check: called with a new content; raises ConfigError if the program could not start with it.
@@ -175,9 +176,9 @@ def _named(value: object) -> Mapping[str, Any]:
 
 
 def stamp_of(path: Path) -> tuple[int, int, int] | None:
-    """Return (modification time in ns since the Unix epoch, size in bytes, inode) of a file, which differ after a change.
+    """Return (modification time, size, inode) of a file, to detect that it has changed.
 
-    None if the file is missing or inaccessible.
+    Modification time: ns since the Unix epoch. Size: bytes. None if the file is missing or inaccessible.
     """
     try:
         found = path.stat()

@@ -46,8 +46,8 @@ def bauds(tried: Iterable[Candidate]) -> list[int]:
 def examine(found: Found, tried: Sequence[Candidate], speeds: Sequence[int], seconds: float, say: Say) -> Verdict:
     """Listen at a port at one baud rate after another, until a candidate driver recognises the bytes. Sends nothing.
 
-    speeds: baud rates, bits per second. seconds: time to listen at each baud rate, s. say: called with progress
-    messages.
+    found: the port. tried: candidate drivers. speeds: baud rates, bits per second.
+    seconds: time to listen at each baud rate, s. say: called with progress messages.
     """
     is_serial = "://" not in found.port
     if is_serial and (said := serial_errors.fault(found.port)) is not None:

@@ -16,7 +16,7 @@ _RENEW = "on the authority's machine: truerate pki renew --soon; then copy the .
 def renewal(path: Path | None, ward: str) -> str:
     """Return in words how to renew a certificate of a ward. path: the ward file; None if unknown.
 
-    If the certificate authority of `truerate init` is beside the ward file, the text gives that command.
+    The text is the command `truerate init ...` if the folder of the ward file holds that command's certificate authority.
     """
     if path is None or not (path.parent / "authority").is_dir():
         return _RENEW
@@ -27,7 +27,7 @@ def renewal(path: Path | None, ward: str) -> str:
 def certificate(routers: Routers, renew: str = _RENEW) -> Iterator[Finding]:
     """Check if this program's certificate is valid, or expires soon. Yields no finding without certificates.
 
-    renew: advice if it expires soon.
+    routers: gives the certificate. renew: advice if it expires soon.
     """
     lasts = routers.lasts()
     if wrong := routers.faults():
@@ -60,9 +60,11 @@ def page_certificate(file: str, renew: str) -> Finding:
 
 
 def router(endpoints: Sequence[str], open_bus: Callable[[Sequence[str]], Bus] = ZenohBus) -> list[Finding]:
-    """Check if each router endpoint answers, by connecting and disconnecting again. All endpoints must answer.
+    """Check if each router endpoint answers, by connecting and disconnecting again.
 
-    An endpoint without answer is a warning if another endpoint answers, else trouble.
+    Returns one finding for each endpoint without answer: a warning if another endpoint answers, else trouble. The
+    endpoints that answer share one OK finding.
+    open_bus: connects to one of the given endpoints; raises BusError if none answers.
     """
     routers = Routers.of(endpoints)
     reached, silent = list[str](), dict[str, str]()

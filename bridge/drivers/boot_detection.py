@@ -24,9 +24,9 @@ def draw_boot() -> int:
 
 
 class Time(Enum):
-    """Classification of a sample's device time: it continues the current boot, is odd, or begins a new boot.
+    """Classification of a sample's device time: continues the current boot, is implausible (ODD), or begins a new boot.
 
-    A sample with an odd time is ignored, unless the next samples agree with it.
+    A sample with an implausible time is ignored. Three such samples in a row that agree are accepted from the third on.
     """
 
     GOES_ON = auto()
@@ -50,13 +50,13 @@ class BootDetector:
     number: current boot number, 0 before the first sample. cause: how the boot was detected.
     tick: tick of the latest sample, unwrapped since the boot began.
 
-    Method: each tick is compared with the tick expected from the elapsed host time. A deviation becomes a new boot once
-    three samples agree, if a clock restarted at power-up could explain it. Without a clock, each opening of the port
-    begins a new boot.
+    Method: each tick is compared with the tick expected from the elapsed host time. Three samples in a row that deviate
+    but agree with each other begin a new boot, if a clock restarted at power-up could explain them. Without a clock,
+    each opening of the port begins a new boot.
     If a boot were missed, an old calibration would be applied to a restarted sensor, which is dangerous. A boot
     detected by mistake only costs a calibration. So the detector prefers a new boot in doubt.
-    If a boot lasted under two seconds, the next one may count as its continuation, because datagrams that overtake each
-    other look the same. A device whose clock continued while its port was closed stays in the same boot.
+    A boot that follows a boot of under two seconds may stay undetected: its clock steps back as little as the clock
+    of datagrams received out of order. A device whose clock continued while its port was closed stays in the same boot.
     """
 
     def __init__(self, tick_period_s: float | None, tick_bits: int = 64, draw: Callable[[], int] = draw_boot) -> None:

@@ -20,7 +20,7 @@ _UNREAD_CHUNKS, _UNREAD_BYTES = 256, 1024  # limits of the undecoded bytes kept:
 class Decoder(Protocol):
     """Interface of a decoder for one device's protocol: bytes in any chunking in, events out. No I/O and no clock.
 
-    One decoder object lives as long as the driver. faults: number of undecodable data, by label.
+    One decoder object lives as long as the driver. faults: counts of frames and samples that could not be used, by label.
     """
 
     faults: Tally
@@ -36,7 +36,7 @@ class Decoder(Protocol):
         """
 
     def to_send(self) -> bytes:
-        """Return the bytes to send to the device now, which are returned once; b"" if there are none."""
+        """Return the bytes to send to the device now, b"" if there are none. The next call does not return them again."""
         return b""
 
     def finish(self) -> list[Event]:
@@ -60,8 +60,9 @@ class StreamOptions(Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
 
 
 class StreamDriver:
-    """Driver of one device, composed of a protocol decoder and a transport; by default the transport of the options' port.
+    """Driver of one device, composed of a protocol decoder and a transport.
 
+    transport: by default, it is created from port and baud rate in the options.
     bytes_in, samples_in: number of bytes received and of samples decoded since the port was opened.
     """
 
@@ -109,9 +110,9 @@ class StreamDriver:
         return events
 
     def unread(self) -> list[Chunk]:
-        """Return the latest received chunks since the last event, which the decoder could not decode.
+        """Return the chunks received since the decoder's last event, to tell the user what undecodable data came.
 
-        At most 256 chunks are kept, with the last 1024 bytes of each. Call it in the reading thread only.
+        At most the latest 256 chunks are kept, with the last 1024 bytes of each. Call it in the reading thread only.
         """
         return list(self._unread)
 

@@ -48,8 +48,8 @@ class Readings:
     boot: boot number. gyro (n, 3): rad/s. accel (n, 3): m/s², or None. temperature_c (n,): °C, or None.
     ticks (n,): device time in ticks of Identity.tick_period_s. sequence: sequence number of the first sample. Both are
     as sent and wrap at the widths in Identity.
-    clipped (n,): True for samples that the device itself reports as beyond its range; None if it reports none.
-    receive_time_ns: ns since the Unix epoch by `host_time.now_ns`, which continues evenly when the host's clock is set.
+    clipped (n,): True for samples that the device itself reports as beyond its range; None if there are none.
+    receive_time_ns: ns since the Unix epoch by `host_time.now_ns`, which does not jump when the host's clock is set.
     """
 
     boot: int
@@ -72,9 +72,10 @@ class Battery:
 
 @dataclass(frozen=True, slots=True)
 class Notice:
-    """Message about a device for the user: the device's own words, or a setting that disturbs the measurement.
+    """Message about a device for the user: text that the device sent, or a setting that disturbs the measurement.
 
-    A later notice replaces an earlier notice of the same name; said=None withdraws it.
+    name: key of the notice. said: the message. A later notice replaces an earlier one of the same name; said=None
+    withdraws the earlier one.
     """
 
     name: str
@@ -87,7 +88,7 @@ Event = Identity | Readings | Battery | Notice | DeviceCalibration
 class Driver(Protocol):
     """Interface of a driver, which opens, reads and closes one device.
 
-    faults: number of undecodable data by label, since the driver was created.
+    faults: counts of frames and samples that could not be used, by label, since the driver was created.
     place: location of the device for the user: a port or a file.
     """
 
@@ -113,7 +114,7 @@ class DriverKind:
 
     summary: one line for the user.
     options: type of the settings besides `id` and `driver`; `make` and `state` take an instance.
-    make: creates the driver. state: returns in a few words if the device could be opened now, without opening it.
+    make: creates the driver. state: returns in a few words whether the device can be opened now, without opening it.
     decoder: creates the protocol's decoder, from options or from None. Without a decoder, `bridge scan` does not use
     this kind to identify unknown bytes.
     variants: option tables, without port and baud, to try on unknown bytes of protocols that need options to be

@@ -1,7 +1,7 @@
 """Driver for flight controllers and other devices that send MAVLink messages.
 
 The package pymavlink (extra `mavlink`) parses and checks all messages.
-The driver reads the best of the messages HIGHRES_IMU, SCALED_IMU and RAW_IMU that a device sends
+The driver reads only one kind of message: HIGHRES_IMU if the device sends it, else SCALED_IMU, else RAW_IMU
 (https://mavlink.io/en/messages/common.html). RAW_IMU is specified "without any scaling", so its units are known only
 for ArduPilot, which uses those of SCALED_IMU. Only the first inertial sensor is read. The state of the battery comes
 from the first battery in BATTERY_STATUS, else from SYS_STATUS.

@@ -47,7 +47,10 @@ class Settings(RequestQueue):
         self._back()
 
     def took(self, message: Message) -> list[Notice]:
-        """Process a message without data, such as the answer to a query; return a notice if the device refused the query."""
+        """Process a message without samples, such as the answer to a query.
+
+        Returns one notice if the device refused the query, else [].
+        """
         kind = self.key
         if kind is not None and message.kind == mtdata2.ERROR:
             return self._failed(Code.REQUEST_REFUSED, error=message.data.hex())
@@ -66,7 +69,7 @@ class Settings(RequestQueue):
         return []
 
     def measures(self) -> None:
-        """Report that the device sent data: if a query was given up, no more commands are sent."""
+        """Report that the device sent samples. If a query was given up, the commands still waiting are discarded."""
         if self._given_up:
             self.clear()
 

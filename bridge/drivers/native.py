@@ -30,8 +30,9 @@ class NativeDecoder:
     """Decoder of truerate's own serial protocol. It requests the identity of an unknown boot and sets the output data rate.
 
     rate_hz: output data rate to set, Hz; 0 leaves the device's rate.
-    Readings follow the identity of their boot. Packets of an unknown boot are held while the device is queried. Samples
-    that are lost because the queue is full, or that belong to yet another boot, are counted in `faults`.
+    Packets of an unknown boot are held until the device has sent the identity of this boot. They are dropped if the
+    identity of another boot arrives or the stream ends. At most 64 packets are held; the oldest is dropped for a new one.
+    `faults` counts the dropped samples.
     """
 
     def __init__(self, rate_hz: float = 0.0) -> None:

@@ -72,7 +72,10 @@ class SimulatedDriver:
         self._closed.clear()
 
     def read(self, timeout_s: float) -> list[Event]:
-        """Return the events since the last call, after a pause of at most 20 ms. Raises DeviceLost after `close`."""
+        """Return the events since the last call, after a pause of timeout_s seconds, but at most 20 ms.
+
+        Raises DeviceLost after `close`.
+        """
         if self.device is None or self._closed.wait(min(timeout_s, _TURN_S)):
             raise DeviceLost(Code.CLOSED(place=self.place))
         if ask := self._decoder.to_send():

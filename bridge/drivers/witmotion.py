@@ -24,7 +24,7 @@ _FASTEST_HZ = 200.0
 
 
 class Word(StrEnum):
-    """Frame that carries the temperature, in its fourth word, on this WitMotion model; NONE if no frame does."""
+    """WitMotion frame that carries the temperature as its fourth word; the frame depends on the model. NONE: no frame."""
 
     ACCEL = "accel"
     GYRO = "gyro"

@@ -1,8 +1,8 @@
 """Sample times and gaps of a device without a clock, derived from its sample count and from arrival times.
 
 The sample period starts at the nominal rate and follows the clock fit without jumps. After a silence, samples are
-either delayed or missing. Delayed samples arrive in a burst and catch up. After missing samples, all later samples stay
-late by the duration of the missing ones.
+either delayed or missing. Delayed samples arrive in a burst, and later samples are on time again. If samples are
+missing, all later samples stay late by the duration of the missing ones.
 """
 
 from math import inf
@@ -41,7 +41,7 @@ class SilenceDetector:
     """Detects samples missing after a silence of a device without a clock. No I/O; times are arguments.
 
     Readings after a silence are held until it is known if samples are missing or only delayed.
-    missing: number of samples counted as missing so far, before the readings returned last.
+    missing: number of samples counted as missing since the boot began.
     """
 
     def __init__(self) -> None:
@@ -79,7 +79,7 @@ class SilenceDetector:
     def release(self) -> list[Readings]:
         """Return the held readings, [] if none, and add the samples missing before them to `missing`.
 
-        For a delay that was never made up, and at the end of the data.
+        Call it when no more data is expected, so that delayed samples cannot arrive.
         """
         held, self._held = self._held, []
         if held:

@@ -11,16 +11,17 @@ _LEAST_SAMPLES = 200
 
 
 class BadSampleRatio:
-    """Ratio of bad samples to all samples of one boot over the last minute, from counts now and a minute ago."""
+    """Ratio of bad samples to all samples of one boot over the last minute."""
 
     def __init__(self) -> None:
         self._past: deque[tuple[int, int, dict[str, int]]] = deque()  # time_ns, samples, counts
 
     def notable(self, time_ns: int, samples: int, counts: Mapping[str, int]) -> Sentences:
-        """Return a sentence for each kind of bad sample above 1 % of the last minute's samples, largest first; () if none.
+        """Return a sentence for each kind of bad sample above 1 % of the last minute's samples, largest ratio first.
 
+        Returns () if no kind is above 1 %, or if the last minute has fewer than 200 samples.
         time_ns: time of the call, ns since the Unix epoch. samples: number of samples since boot. counts: number of bad
-        samples since boot, by label. Returns () if the last minute has fewer than 200 samples.
+        samples since boot, by label.
         """
         while len(self._past) > 1 and self._past[1][0] <= time_ns - _WINDOW_NS:
             self._past.popleft()

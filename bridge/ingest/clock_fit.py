@@ -1,6 +1,6 @@
 """Fit of a device's clock to the host's clock by a robust line: host = offset + rate · device.
 
-Bytes arrive late, never early, and in bursts. So of each second of device time only the least late batch is used. A
+Bytes arrive late, never early, and in bursts. So only the least delayed batch of each second of device time is used. A
 Theil–Sen line (median of the slopes of all pairs) is fitted to the batches of the last 60 seconds with data.
 """
 
@@ -24,14 +24,15 @@ _BINS_TO_BELIEVE = 6
 
 
 class ClockFit:
-    """Fit host = offset + rate · device of one boot's clock; rate is 1 until measured. No I/O; times are arguments.
+    """Fits host = offset + rate · device to the clock of one boot. No I/O; times are arguments.
 
+    host, device: times of a sample by the two clocks, s. `rate` is 1 until it has been measured.
     rate: host seconds per device second (no unit).
     rate_error: half of the 95 % confidence interval of `rate`, no unit; infinite until measured. It assumes that the
     lateness has the same distribution at all times. The interval of the Theil–Sen slope is that of Sen (JASA 63, 1968,
     eq. 2.6).
-    A host clock set back is followed at once. A host clock set forward, or a lasting new delay, is followed after some
-    seconds. A delay that is made up changes nothing.
+    If the host's clock is set back, the fit follows at once. If it is set forward, or the delay of all batches grows,
+    the fit follows after some seconds. A delay that ends sooner does not change the fit.
     """
 
     def __init__(self) -> None:

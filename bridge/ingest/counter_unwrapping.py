@@ -51,7 +51,8 @@ class CounterUnwrapper:
     def follow(self, readings: Readings, identity: Identity) -> "Followed":
         """Unwrap the counters of readings, and distinguish new samples from repeated and late ones.
 
-        The last new sample becomes the reference for the next readings.
+        identity: gives the widths of the counters in bits. The last new sample becomes the reference for the next
+        readings.
         """
         last = self._sequence
         if last is not None and step(readings.sequence, last, identity.sequence_bits) == 1:
@@ -118,8 +119,8 @@ def step(count: int, before: int, bits: int) -> int:
 
 
 def whole_turns(step_: int, expected: float, bits: int) -> int:
-    """Return the step plus the multiple of 2**bits, the full range of a counter, that is nearest to the expected step.
+    """Add whole turns of a counter to a step, so that the result is nearest to the expected step; return the result.
 
-    step_, expected: steps in counts.
+    A whole turn is 2**bits counts. step_, expected: steps in counts.
     """
     return step_ + (1 << bits) * round((expected - step_) / (1 << bits))

@@ -46,8 +46,8 @@ class DeviceThread:
     The thread reads all available data, then pauses until `read_soon` is called, but at most 50 ms. Data that arrive in
     the pause wait in the operating system's buffers, which saves wake-ups.
     When the queue exceeds 20,000 samples, the oldest batches are dropped and counted.
-    A lost device is reopened every 0.1 s if the driver reports that this is cheap, as for an unplugged port. Otherwise
-    the pauses grow up to 2 s.
+    After a loss, the thread tries to reopen the device. It tries every 0.1 s if the driver reports that an attempt is
+    cheap, as for an unplugged port. Otherwise the pauses between attempts grow up to 2 s.
     """
 
     def __init__(self, device: str, driver: Driver, intake: Intake) -> None:

@@ -18,9 +18,10 @@ _log = logging.getLogger(__name__)
 
 
 def said(devices: Sequence[str], owner: str, refused: Sequence[str]) -> Sentence:
-    """Return a sentence that two bridges send the same devices, and what to do.
+    """Return a sentence which states that several bridges send the same devices, and what to do.
 
-    owner: the bridge whose samples are used. refused: the other bridges. The sentence names the first four devices.
+    devices: ids of these devices; the sentence names the first four. owner: id of the bridge whose samples are used.
+    refused: ids of the other bridges.
     """
     params = {"devices": ", ".join(devices[:_MOST]), "owner": owner, "refused": ", ".join(refused)}
     if (left := len(devices) - _MOST) > 0:
@@ -38,7 +39,7 @@ def found(statuses: Iterable[Status]) -> list[Sentence]:
 
 
 class DuplicateBridges:
-    """Tracks which devices of a bridge the estimators receive from another bridge; logs the first time for each device."""
+    """Tracks which devices of a bridge the estimators take from another bridge instead; logs each such device once."""
 
     def __init__(self, bus: Bus, ward: str, bridge: str) -> None:
         self._bridge, self._told = bridge, set[str]()

@@ -79,10 +79,10 @@ class DevicePublisher:
     def publish(self, taken: Taken, now_s: float, *, last: bool = False) -> None:
         """Publish batches and the DeviceInfo. The DeviceInfo of a new boot precedes the boot's first batch.
 
-        A DeviceInfo is published if it shows a change, or once a second. now_s: seconds of a monotonic clock.
-        last: True publishes the DeviceInfo after the last batch in any case.
-        While the device has not identified itself, the DeviceInfo has boot 0. If taken.info is None, none is published.
-        Raises BusError; `unsent` then holds the batches that were not published.
+        taken: the batches and the DeviceInfo; taken.info may be None. A DeviceInfo is published if it shows a change, if
+        the last one is 1 s old, or if `last` is True. Its boot is 0 until the device has identified itself.
+        now_s: seconds of a monotonic clock. last: True for the last call, before the publisher is closed.
+        Raises BusError if publishing fails; `unsent` then holds the batches that were not published.
         """
         self.unsent = deque(merged(taken.batches))
         self._tell_alive(taken.boot if taken.boot and taken.there else None)

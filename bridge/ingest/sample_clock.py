@@ -48,9 +48,9 @@ class SampleTimes(NamedTuple):
         return max(0, self.last_ns - round(float(self.device_s[-1] - self.device_s[at]) * self.ns_per_s))
 
     def late(self) -> NDArray[np.bool_] | None:
-        """Return a mask (n,), True for samples received more than 1 s after they were taken; None if there are none.
+        """Return a mask (n,), True for samples received more than 1 s after they were taken.
 
-        None also if the clock fit is not accurate enough.
+        None if there are no such samples, or if the clock fit is not accurate enough to detect them.
         """
         if not self.judged or self.receive_time_ns - self.host_ns(0) <= _LATE_NS:  # if any sample is late, the first is
             return None
@@ -78,9 +78,10 @@ class SampleClock:
         return self._silences.missing
 
     def hold(self, readings: Readings, last_tick: int, identity: Identity) -> list[Readings]:
-        """Return the readings, held and new, to publish now. After a silence of a device without a clock, some are held.
+        """Add new readings; return the readings, new and held, to publish now.
 
-        last_tick: unwrapped tick count of the last new sample.
+        After a silence of a device without a clock, readings are held until it is known if samples are missing.
+        last_tick: unwrapped tick count of the last sample in `readings`. identity: gives the tick period.
         """
         device_s = (last_tick + self.missing) * identity.tick_period_s
         late_s = (readings.receive_time_ns - self.clock.host_ns(device_s)) * 1e-9 if self.clock.sure else 0.0
@@ -93,8 +94,8 @@ class SampleClock:
     def observe(self, sequence: int, tick: int, receive_time_ns: int, identity: Identity) -> bool:
         """Add the last good sample of readings to the clock fit and to the measurement of the sample rate.
 
-        sequence, tick: unwrapped. receive_time_ns: receive time, ns since the Unix epoch. Returns True if the measured
-        sample rate begins to differ from the nominal one.
+        sequence, tick: unwrapped. receive_time_ns: receive time, ns since the Unix epoch. identity: gives the tick period
+        and the nominal sample rate. Returns True if the measured sample rate begins to differ from the nominal one.
         """
         device_s = tick * identity.tick_period_s
         self.clock.observe(device_s, receive_time_ns)
@@ -103,8 +104,8 @@ class SampleClock:
     def told(self, before_hz: float, rate_hz: float) -> Sentence:
         """Process a new nominal sample rate that the device announced within a boot; return a sentence on the change.
 
-        before_hz, rate_hz: nominal rates before and now. The rate measurement restarts. A return to the first rate
-        withdraws `changed`.
+        before_hz, rate_hz: nominal sample rates before and now, Hz. The rate measurement restarts. `changed` becomes
+        None if the device returns to the nominal rate with which the boot began.
         """
         self.rate = SampleRateMeter()
         self._first_hz = self._first_hz or before_hz
@@ -113,7 +114,7 @@ class SampleClock:
         return said
 
     def stamps(self, ticks: Counts, receive_time_ns: int, identity: Identity) -> SampleTimes:
-        """Return the times of good samples. Call `observe` with the last sample before.
+        """Return the times of good samples. First call `observe` with the last of these samples.
 
         ticks (n,): tick counts, unwrapped and rising. receive_time_ns: receive time of the last sample, ns since the
         Unix epoch.
@@ -129,7 +130,10 @@ class SampleClock:
         return SampleTimes(*shown, device_s, last_ns, rate * 1e9, receive_time_ns, self.clock.sure)
 
     def notices(self, identity: Identity) -> Sentences:
-        """Return sentences for the user about the device's time and sample rate; () if they are as the device states."""
+        """Return sentences for the user about the device's clock and sample rate; () if they are as the device states.
+
+        identity: gives the nominal sample rate, and whether the device has a clock.
+        """
         notices = [] if self.changed is None else [self.changed]
         clock, told, measured = self.clock, f"{identity.rate_hz:.4g}", f"{self.rate.hz:.4g}"
         if not identity.has_clock and clock.measured:

@@ -1,9 +1,9 @@
 """Detects readings of a faulty sensor: clipped at full scale, stuck at one value, or with a temperature step.
 
-A sensor is stuck if the readings of all three axes repeat k times in a row. k is chosen so that a healthy sensor causes
-fewer than 1e-5 false alarms in a hundred device years. It follows from the device's noise and quantisation step,
-measured at rest. A sensor whose quantisation step is coarser than its noise may repeat itself, and is never reported as
-stuck.
+A sensor is stuck if the readings of all three axes repeat k times in a row. k is computed from the device's noise and
+quantisation step, measured at rest. A healthy sensor then causes fewer than 1e-5 false alarms in a hundred device years.
+A sensor whose noise is small compared with its quantisation step repeats readings by chance. Such a sensor is never
+reported as stuck.
 """
 
 from math import ceil, inf, log, pi, radians, sqrt
@@ -33,7 +33,7 @@ Flags = NDArray[np.uint32]
 
 
 class SensorFaults:
-    """Flags readings of a faulty sensor within one boot. Splitting the readings into batches differently changes no flag.
+    """Flags readings of a faulty sensor within one boot. The flags do not depend on how readings are split into batches.
 
     events: number of flagged samples, by label.
     """
@@ -91,7 +91,7 @@ class Repeats:
 
     @property
     def needed(self) -> float:
-        """Number of repeats in a row that indicate a stuck sensor; infinite until the sensor's noise is known."""
+        """Threshold for a stuck sensor: number of consecutive repeats. Infinite until the sensor's noise is known."""
         if self._needed is None:
             self._needed = self._noise.repeats(self._rate_hz)
         return self._needed
@@ -99,8 +99,8 @@ class Repeats:
     def seen(self, time_s: Floats, gyro: Floats) -> Bools:
         """Return a mask (n,), True for stuck samples, of the next readings.
 
-        gyro (n, 3): rad/s. time_s (n,): device time, s. The noise is learnt from seconds of device time, so batching
-        does not change the result.
+        gyro (n, 3): rad/s. time_s (n,): device time, s. The sensor's noise is estimated from blocks of one second of
+        device time. So the flags do not depend on how the readings are split into calls.
         """
         stuck = np.zeros(len(gyro), bool)
         begin = 0
@@ -148,7 +148,10 @@ class Repeats:
 
 
 class SelfRepetition:
-    """Estimates, per axis, how often a healthy sensor repeats a reading at rest, and how many repeats indicate a fault."""
+    """Estimates how probably a healthy sensor at rest repeats a reading, and so how many repeats indicate a stuck sensor.
+
+    A repeat is a reading that equals the reading before it.
+    """
 
     def __init__(self) -> None:
         # Rms difference of two readings, in quantisation steps: of the quietest second; lowest median of ten seconds.
@@ -157,7 +160,7 @@ class SelfRepetition:
         self._pairs, self._equal, self._tried, self._again = (np.zeros(3) for _ in range(4))
 
     def learn(self, gyro: Floats) -> None:
-        """Update the sensor's noise and counts of repeats from one second of readings at rest. gyro (n, 3): rad/s."""
+        """Update noise and counts of repeats per axis from the readings of one second at rest. gyro (n, 3): rad/s."""
         change = np.abs(np.diff(gyro, axis=0))
         step = np.where(change > 0, change, inf).min(axis=0)
         self._ten.append(np.sqrt(np.mean(change**2, axis=0)) / step)
@@ -172,15 +175,17 @@ class SelfRepetition:
         self._again += (equal[:-1] & equal[1:]).sum(axis=0)
 
     def repeats(self, rate_hz: float) -> float:
-        """Return the number of repeats of all axes in a row that chance does not explain.
+        """Return the threshold for a stuck sensor: the least number of consecutive repeats that chance does not explain.
 
-        Infinite if chance may explain any number, or until ten seconds at rest are known. rate_hz: sample rate.
-        Limit: 1e-5 false alarms in a hundred device years.
+        A repeat counts only if all three axes repeat. The threshold is at least 5. rate_hz: sample rate, Hz.
+        Infinite if a healthy sensor may repeat itself any number of times, or until ten seconds at rest are known.
+        With this threshold, a healthy sensor causes fewer than 1e-5 false alarms in a hundred device years.
         Method: the probability of a repeat on one axis is 1 / (√(2π) σ). σ is the rms difference of two successive
-        readings at rest, in quantisation steps, taken as Gaussian. Where counted repeats show a larger probability with
-        confidence, its lower bound is used instead, separately for the first repeat and for the following ones.
-        Filtered noise, and sensors that are read more often than they measure, repeat more often than white noise.
-        An axis whose σ falls below 1.5 counts as always repeating. The probabilities of the three axes are multiplied.
+        readings at rest, in quantisation steps; the difference is assumed Gaussian. A second estimate is the counted
+        ratio of repeats, less two standard deviations. The larger estimate is used, because filtered noise, and sensors
+        that are read more often than they measure, repeat more often than white noise. The first repeat and the
+        following ones are estimated separately. An axis with σ below 1.5 counts as always repeating. The probabilities
+        of the three axes are multiplied.
         """
         if not np.isfinite(self._quiet).all():
             return inf

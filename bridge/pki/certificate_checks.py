@@ -97,9 +97,9 @@ def member_of(identity: Identity) -> Member:
 
 
 def lasts(identity: Identity) -> Validity:
-    """Return the validity period of a certificate chain: that of the certificate in it that expires first.
+    """Return the validity period of the certificate that expires first in an identity's certificate chain.
 
-    If several trusted authorities could sign the chain, the one that expires last counts.
+    The chain ends at a trusted authority. If several trusted authorities fit, the one that expires last is used.
     Raises ValueError for an unreadable file.
     """
     chain, ends = _chain(certificates(identity.certificate), certificates(identity.ca))

@@ -20,7 +20,7 @@ class Validity:
     def soon(self) -> datetime:
         """Time from which the certificate should be renewed, a datetime in UTC.
 
-        14 days before the end, or at the last third of a validity period shorter than 42 days.
+        14 days before the end of the validity period, or a third of the period before its end if this is later.
         """
         return self.ends - min(_SOON, (self.ends - self.begins) / 3)
 

@@ -34,7 +34,7 @@ class Catalogue:
     def label(self, label: str) -> str:
         """Return the words for the label of a count, such as `gaps`, to follow a number.
 
-        A label `kind: reason` is translated in its two parts.
+        The two parts of a label such as `kind: reason` are translated separately.
         """
         return ": ".join(self.labels.get(part, part.replace("_", " ")) for part in label.split(": "))
 
@@ -56,7 +56,7 @@ def catalogue(language: str) -> Catalogue:
 
 
 def explain(reason: Iterable[Sentence], language: str = LANGUAGES[0]) -> str:
-    """Return the text of a reason, such as that of a result, a status or a revision. language: "en" or "zh"."""
+    """Return the text of a reason, which consists of sentences (reason codes with parameters). language: "en" or "zh"."""
     return catalogue(language).text(reason)
 
 

@@ -1,6 +1,6 @@
 """Combines readings, corrected rates and orientations of the same samples into one row per sample. No I/O.
 
-A corrected batch waits for the acceleration and the orientation of its samples, but at most WAIT_S seconds.
+A corrected batch waits for the acceleration and the orientation of its samples, but at most WAIT_S (0.5) seconds.
 """
 
 from collections import defaultdict, deque
@@ -102,7 +102,8 @@ class ImuJoin:
 
     Samples are matched by boot and sequence number. `now_s` is seconds of a monotonic clock.
     The corrected batches of a device must come in order and each once; readings and orientations may be repeated.
-    patient: True waits also for kinds of message that the device has not sent yet, for messages read from history.
+    patient: True waits for readings and orientations even if the device has sent none yet. Use it if messages
+    may come late, such as history from caches.
     """
 
     def __init__(self, *, patient: bool = False) -> None:
@@ -110,8 +111,9 @@ class ImuJoin:
         self._patient = patient
 
     def take(self, said: Said, now_s: float) -> list[ImuRows]:
-        """Add a message; return the rows of its device that are complete or have waited WAIT_S. now_s: seconds, monotonic clock.
+        """Add a message; return the rows of its device that are complete or have waited WAIT_S (0.5) seconds.
 
+        said: readings, corrected rates or orientations. now_s: seconds of a monotonic clock.
         Each result has the samples of one corrected batch.
         """
         device = self._devices[said.device]
@@ -122,9 +124,9 @@ class ImuJoin:
         return list(self._ready(device, now_s))
 
     def due(self, now_s: float = inf) -> list[ImuRows]:
-        """Return the rows of all devices that are complete or have waited WAIT_S at `now_s`, in seconds of a monotonic clock.
+        """Return the rows of all devices that are complete or have waited WAIT_S (0.5) seconds.
 
-        Without a time, return all rows that wait.
+        now_s: seconds of a monotonic clock; by default, all waiting rows are returned.
         """
         found = [rows for device in self._devices.values() for rows in self._ready(device, now_s)]
         for name in [name for name, device in self._devices.items() if device.over(now_s)]:

@@ -77,9 +77,10 @@ class HealthServer:
 
 
 def own_host(host: str, names: Container[str]) -> bool:
-    """Return True if an HTTP Host header names this machine: by any IP address, or by one of `names` in lower case.
+    """Return True if an HTTP Host header is acceptable for this machine: any IP address, or one of its `names`.
 
-    Other names are refused, because a foreign web page may use one to reach this machine's address (DNS rebinding).
+    names: host names in lower case. Other names are refused, because a foreign web page may use such a name to reach
+    this machine (DNS rebinding).
     """
     try:
         parts = urlsplit(f"//{host}")

@@ -13,7 +13,10 @@ __all__ = ["KIND", "rendered"]
 
 
 def rendered(asked: HealthSource) -> bytes:
-    """Return the current metrics of `asked` and of the process (CPU, memory, files), in Prometheus' text format."""
+    """Return a program's current metrics as UTF-8 in Prometheus' text format.
+
+    asked: callbacks that give the program's own metrics. CPU, memory and open files of the process are added.
+    """
     registry = CollectorRegistry()
     registry.register(_Collector(asked))
     ProcessCollector(registry=registry)

@@ -105,7 +105,7 @@ class _Three(NamedTuple):
 class CsvReader:
     """Parser of lines that are rows of columns; the columns are named by the profile or by the latest header row.
 
-    needs_clock: refuse a header row without the profile's time column, because the rate would be unknown.
+    needs_clock: True refuses a header row without the profile's time column, because the rate would be unknown.
     has_clock: True if rows have a time; None until that is known.
     """
 

@@ -53,7 +53,7 @@ class ConfigError(Exception):
 
 
 def load(path: Path | str, kind: type[T]) -> T:
-    """Read a TOML file as an object of type `kind`, a msgspec Struct as the module describes.
+    """Read a TOML file as an object of type `kind`, a msgspec Struct that forbids unknown fields.
 
     Raises ConfigError, with a one-line message, for a file that is missing, unreadable or invalid.
     """

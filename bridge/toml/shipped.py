@@ -9,7 +9,7 @@ from bridge.toml.loader import ConfigError, nearest
 def shipped(folders: Iterable[Path]) -> dict[str, Path]:
     """Return the paths of the TOML files in some folders, by file name without suffix.
 
-    If folders have files of the same name, the last one is returned.
+    If several folders have a file of the same name, that of the last folder is returned.
     """
     return {path.stem: path for folder in folders for path in sorted(folder.glob("*.toml"))}
 
