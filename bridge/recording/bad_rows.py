@@ -33,9 +33,9 @@ Place = Callable[[str, int, int], tuple[str, str]]
 
 
 def in_arrays(column: str, sample: int, _axis: int) -> tuple[str, str]:
-    """Return the texts that name a value of an array in an error: the column, and ` at sample N`.
+    """Describe where a value is, for an error: the quoted name of its column, and the text ` at sample N`.
 
-    This function is the `Place` of files whose columns have no names of their own.
+    sample: row number, from 0. This function is used as `place` for files that have arrays instead of named columns.
     """
     return repr(column), f" at sample {sample}"
 
@@ -45,7 +45,8 @@ def drop_bad_rows(path: Path, columns: dict[str, Floats], place: Place, notes: l
 
     columns: in SI units, by name; changed in place. An acceleration or temperature with too few good rows is removed.
     If rows are dropped, the column `row` holds the former numbers of the remaining rows.
-    place: names a value in an error. notes: a sentence is added for each repair.
+    place(column, row, axis): returns the name of a value in the file and the text of its position, for errors.
+    notes: a sentence is added for each repair.
     Raises RecordingError if more than 20 % of the rows have bad rates or times.
     """
     gyro = columns["gyro_rad_s"]
@@ -105,9 +106,9 @@ def _filled(column: Floats, limit: float) -> Floats | None:
 
 
 def interpolated(column: Floats, good: Flags) -> Floats:
-    """Replace the bad values of a column (n,) by linear interpolation over the row number, in the column's unit.
+    """Return a column (n,) with its bad values linearly interpolated over the row number, in the column's unit.
 
-    good (n,): True for each value to keep.
+    good (n,): True for each value to keep, False for each bad value.
     """
     rows = np.arange(len(column))
     return np.interp(rows, rows[good], column[good])
@@ -129,16 +130,20 @@ def _wrong_values(name: str, column: Floats, place: Place) -> str:
 def repeated(time: Floats, values: Floats) -> Flags:
     """Return a mask (n,), True for each row that was written twice.
 
-    Such a row equals an earlier row in time (n,), s or counts, and in all values (n, c).
+    Rows are compared by time (n,), s or counts, and by all values (n, c).
+    A row is marked if it equals the row before it. It is also marked if it belongs to a run of two or more rows that
+    equals an earlier run.
     """
     return _seen_before(np.column_stack([time, values]))
 
 
 def repeated_without_time(values: Floats) -> Flags:
-    """Return a mask (n,), True for each row that equals an earlier row in all values (n, c).
+    """Return a mask (n,), True for each row that was written twice, judged by its values (n, c) without times.
 
-    Rows count as repeated only if chance explains few of them. The probability of chance equality is estimated from
-    rows at other distances.
+    A row is marked if it equals the row before it, or belongs to a run of rows that equals an earlier run.
+    Rows may also be equal by chance. The probability of that is estimated from pairs of rows 5 to 13 rows apart.
+    If chance explains 5 % or more of the marked rows, only rows equal to the row before stay marked. If chance
+    explains 5 % or more of these too, or there are at most 26 rows, no row is marked.
     """
     n = len(values)
     none = np.zeros(n, bool)

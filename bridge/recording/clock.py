@@ -1,6 +1,6 @@
 """Repairs sample times: counter wraps, swapped rows, single bad times, coarse clocks, arrival times; finds reboots.
 
-Each fault has its own detector and its own note to the user. Times without a fault are left unchanged.
+Each fault has its own detector and its own message to the user. Times without a fault are left unchanged.
 """
 
 from typing import NamedTuple
@@ -39,7 +39,7 @@ class Mended(NamedTuple):
     """Repaired sample times of a recording.
 
     order (m,): row indices, in order of time. time (m,): s, rising within each boot. starts: index into `time` of each
-    boot's first row. arrival: True if the file's times were times of arrival, in bursts.
+    boot's first row. arrival: True if the file's times were those of data arriving in bursts, not of sampling.
     """
 
     order: Indices

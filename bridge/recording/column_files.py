@@ -18,10 +18,11 @@ Tell = Callable[[int, int], None]
 def write(
     file: BinaryIO, ending: str, columns: Columns, facts: Mapping[str, NDArray[np.generic]], tell: Tell | None = None
 ) -> None:
-    """Write columns of samples to a file, in the format of an ending of ENDINGS.
+    """Write columns of samples to an open file, in the format that the file ending names.
 
-    columns: arrays (n,), (n, 3) or (n, 4) by name; the name states the unit. facts: arrays about the whole recording,
-    which only .npz and .h5 hold. tell(done, n): called with the number of rows written.
+    ending: one of ENDINGS, such as `.csv`. columns: arrays (n,), (n, 3) or (n, 4) by name; the name states the unit.
+    facts: arrays about the whole recording, such as its device; only .npz and .h5 store them.
+    tell(done, n): reports progress while a .csv is written: the number of rows written, and of all rows.
     """
     if ending == ".npz":
         np.savez(file, allow_pickle=False, **columns, **facts)

@@ -2,9 +2,10 @@
 
 .npz: `t_s` (n,), `gyro_rad_s` (n, 3), `accel_m_s2` (n, 3), `temperature_c` (n,), `rate_hz`, `device` and `boot`.
 Per sample also `host_time_ns`, `sequence` and `flags`, (n,) each.
-If corrected rates were recorded: `rate_rad_s`, `rate_std_rad_s` and `bias_rad_s` (n, 3), NaN for a sample without a
-corrected rate, and `quality` (n,), -1 there. If orientation was recorded: `quat_wxyz` (n, 4), scalar first,
-`tilt_std` and `heading_std` (n,), rad, NaN for a sample without one.
+If corrected rates were recorded: `rate_rad_s`, `rate_std_rad_s` and `bias_rad_s` (n, 3), and `quality` (n,). For a
+sample without a corrected rate, these are NaN and the quality is -1.
+If orientation was recorded: `quat_wxyz` (n, 4), scalar first, `tilt_std` and `heading_std` (n,), rad, NaN for a sample
+without an orientation.
 
 .csv: the same columns, one per axis; the quality is a number. `events.csv` lists boots, calibrations and notes.
 HDF5 has the arrays of .npz, Parquet the columns of .csv.
@@ -36,7 +37,8 @@ class Event(NamedTuple):
     """Boot, calibration, note or placement of a device, at one host time.
 
     time_ns: ns since the Unix epoch. boot: 64-bit boot number. event: kind of event, such as `note by nurse-2`.
-    text: content of the note, or result.
+    text: for a note its text, for a calibration the reason of its verdict. For a boot the sensor model, for a
+    placement the body segment and wearer.
     """
 
     time_ns: int

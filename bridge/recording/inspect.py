@@ -1,4 +1,4 @@
-"""Inspection of a recording: rate, gaps, noise at rest, gravity, and the notes of its reader."""
+"""Inspection of a recording: sampling rate, gaps, noise at rest, gravity, and remarks of its reader."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -12,13 +12,14 @@ from bridge.recording.recording import Recording
 def findings(recording: Recording) -> dict[str, Any]:
     """Inspect a recording; returns JSON-compatible values in SI units, by name.
 
-    samples: number of samples. duration_s. rate_hz: rate in use. measured_hz: rate by the median time step.
-    gaps: per gap, after_s (time of the last sample before it, s since the first sample) and missing (number of
-    samples).
-    noise, rest_mean (3,): standard deviation and mean of the readings in the quietest second, rad/s.
-    most (3,): largest absolute readings, rad/s. gravity: median length of the acceleration, m/s²; None without an
-    accelerometer. temperature_c: lowest and highest, or None. notes: sentences of the reader on assumptions and
-    repairs.
+    samples: number of samples. duration_s: time from the first sample to the last.
+    rate_hz: sampling rate of the recording. measured_hz: inverse of the median time step.
+    gaps: for each gap, after_s (time of the last sample before the gap, s since the first sample) and missing (number
+    of missing samples).
+    noise, rest_mean (3,): standard deviation and mean of the readings in the quietest window of 1 s, rad/s.
+    most (3,): largest absolute reading of each axis, rad/s. gravity: median magnitude of the acceleration vector,
+    m/s²; None without an accelerometer. temperature_c: lowest and highest, or None. notes: sentences of the reader
+    on assumptions and repairs.
     """
     missing = np.diff(recording.sequence) - 1
     rest = recording.gyro[quietest(recording.gyro, recording.rate_hz)]

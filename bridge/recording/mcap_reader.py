@@ -54,8 +54,8 @@ class McapReader:
 
     The attributes are complete when the iteration of `entries` has ended. finished: True if the file has its end
     record.
-    trouble: faults of the file, as sentences. good: number of bytes examined. size: number of bytes of the file.
-    messages: number of messages read. facts: metadata by name. descriptors: schema data by schema name.
+    trouble: faults of the file, as sentences. good: number of bytes read or skipped so far. size: number of bytes of
+    the file. messages: number of messages read. facts: metadata by name. descriptors: schema data by schema name.
     """
 
     def __init__(self, file: BinaryIO, place: str) -> None:

@@ -70,7 +70,8 @@ class McapWriter:
 
     file: any binary file. name, facts: metadata record at the beginning of the file.
     messages: number of messages in the file. pending: number of messages not yet flushed.
-    After an OSError, the file contains all flushed messages. The `pending` messages are lost, and none can be added.
+    After an OSError, the file contains all flushed messages. The `pending` messages are lost, and no message can
+    be added.
     Raises OSError if the beginning cannot be written.
     """
 

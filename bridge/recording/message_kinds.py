@@ -70,8 +70,8 @@ def topic(key: str) -> str:
 def log_ns(own_ns: int, now_ns: int) -> int:
     """Return the log time of a message, ns since the Unix epoch.
 
-    own_ns: the message's own time, which is used unless it differs by more than MAX_APART_NS from now_ns, the
-    recorder's time. Both are ns since the Unix epoch.
+    own_ns: time that the message states. now_ns: time of the recorder. Both are ns since the Unix epoch.
+    Returns own_ns; if the two differ by more than 60 s, returns now_ns.
     """
     return own_ns if abs(own_ns - now_ns) <= MAX_APART_NS else now_ns
 

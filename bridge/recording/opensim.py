@@ -57,9 +57,9 @@ def convert(
     """Write the orientations and rates of devices as OpenSim .sto files, at the sample times of the first device.
 
     out: file of orientations. The file of rates is written beside it, if every device has rates. devices: ids to write,
-    empty for all. boot: number of the boot in a ward's recording, from 1; None if there is one. segments: body of the
-    model by device id; the default is the body of the recorded placement, else the device id. skip_s: seconds to leave
-    out at the beginning.
+    empty for all. boot: number of the boot in a ward's recording, from 1; None if only one is recorded.
+    segments: body of the OpenSim model by device id. The default is the body of the recorded placement, else the device
+    id. skip_s: seconds to leave out at the beginning.
     Returns the result as lines for the user. Raises RecordingError if a device has no orientation, the choice is
     ambiguous, or a file exists already.
     """

@@ -108,8 +108,8 @@ def check_gyro(path: Path, gyro: Floats, rate_hz: float) -> None:
 def doubts_of_gyro(gyro: Floats, rate_hz: float) -> list[str]:
     """Return sentences on implausible properties of readings (n, 3), rad/s; empty if there are none.
 
-    Checked: rate too low, resolution too coarse, noise too small or too large, an axis constant, readings zeroed at
-    rest.
+    Checked: sampling rate too low, resolution too coarse, noise too small or too large, an axis constant, readings
+    set to zero at rest.
     rate_hz: sampling rate.
     """
     doubts = []
@@ -200,10 +200,10 @@ def _longest(flags: NDArray[np.bool_]) -> int:
 
 
 def believed_accel(accel: Floats | None) -> tuple[Floats | None, str]:
-    """Check that the median length of the acceleration (n, 3), m/s², is about that of gravity.
+    """Check that the median magnitude of the acceleration (n, 3), m/s², is about that of gravity, 9.8 m/s².
 
-    Returns the acceleration and an empty text; or None and the reason, a sentence for the user. Without an
-    acceleration, returns None and an empty text.
+    If so, returns the acceleration and an empty text. If not, returns None and the reason, a sentence for the user.
+    Without an acceleration, returns None and an empty text.
     """
     if accel is None or not len(accel):
         return None, ""

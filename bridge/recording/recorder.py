@@ -101,7 +101,7 @@ class WardRecorder:
         return self.account.closed_bytes + (self._file.writer.size if self._file else 0)
 
     def begin(self, wall_ns: int, now_s: float) -> None:
-        """Begin a new file, which starts with the latest messages of the repeated kinds.
+        """Begin a new file, which starts with the latest info, status and calibration of each device.
 
         wall_ns: UTC, ns since the Unix epoch. now_s: monotonic time, s.
         Raises OSError if the file cannot be made; this is NoRoom on a full disk.

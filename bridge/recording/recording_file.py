@@ -1,4 +1,4 @@
-"""MCAP file of a ward's messages, with one channel per bus key; also the file of a recorder, closed after an error."""
+"""Writers of MCAP files of a ward's messages, with one channel per bus key: of any file, and of a recorder's file."""
 
 from collections import Counter
 from pathlib import Path
@@ -31,7 +31,7 @@ class Item(NamedTuple):
 class WardFile:
     """MCAP file of a ward's messages, with one channel per bus key.
 
-    ward: id for the file's metadata. writer: flushes and finishes the file, and takes copies of samples.
+    ward: id for the file's metadata. writer: the McapWriter of the file, with methods to flush and finish it.
     Raises OSError if the beginning of the file cannot be written.
     """
 
@@ -41,10 +41,11 @@ class WardFile:
         self._of_bridges = Counter[str]()
 
     def put(self, item: Item, log_ns: int) -> bool:
-        """Write a message, in a new channel if its key is new; returns True if the message is written.
+        """Write a message to the channel of its bus key; a new key gets a new channel.
 
-        log_ns: log time, ns since the Unix epoch. Returns False if the file, or the message's bridge, has too many
-        channels.
+        log_ns: log time, ns since the Unix epoch.
+        Returns True if the message is written. Returns False if it needs a new channel, but the file or the message's
+        bridge already has the largest allowed number of channels.
         Raises OSError if the write fails.
         """
         channel = self._channels.get(item.key)
@@ -76,9 +77,10 @@ class RecordingFile(WardFile):
             raise
 
     def left(self, *, writable: bool) -> Path | None:
-        """Close the file after an error and return its path; None if it had no message and was deleted.
+        """Close the file after an error and return its path; a file without messages is deleted, and None returned.
 
-        writable: True if the file can still be finished; otherwise the path ends in PART.
+        writable: True if the disk may still accept data; the file is then finished. If finishing fails, or writable is
+        False, the file stays unfinished and its path ends in .part.
         """
         path = self.output.path
         try:

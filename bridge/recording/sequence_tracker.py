@@ -11,9 +11,9 @@ ANEW_NS = 1_000_000_000
 class Continuation(NamedTuple):
     """Relation of a batch to the batches before it.
 
-    skip: number of samples at its beginning that are already known. missing: number of samples lost before its first
-    new sample. anew: True if the sequence numbers start over. step: ticks from the last known sample to the first new
-    one.
+    skip: number of samples at the beginning of the batch that are already known. missing: number of samples lost
+    before the first new sample. anew: True if the sequence numbers start over, also at the first batch.
+    step: device clock ticks from the last known sample to the first new one.
     """
 
     skip: int
@@ -31,7 +31,10 @@ class SequenceTracker:
         self._time_ns = 0
 
     def follow(self, batch: SampleBatch | CorrectedBatch) -> Continuation:
-        """Compare a batch's sequence numbers, ticks and time with those of the batches before it, and remember them."""
+        """Return how a batch continues the batches before it, and store its last sequence number, tick and time.
+
+        A batch whose samples are all known leaves the stored values unchanged.
+        """
         follows = self._judge(batch)
         if follows.skip < len(batch):
             self._next = batch.sequence + len(batch)

@@ -38,10 +38,10 @@ class Stretch:
     gaps interpolated; None if no sample has it. flags (n,): SampleFlag bits.
 
     computed: columns computed live, by name; empty if none were recorded.
-    rate_rad_s, rate_std_rad_s, bias_rad_s (n, 3), sensor frame: NaN for a sample without a corrected rate. quality
-    (n,): value of messages.Quality, or -1 there.
-    quat_wxyz (n, 4): sensor to earth, scalar first. tilt_std, heading_std (n,): rad, of the last sample of the sample's
-    message. All are NaN for a sample without an orientation.
+    rate_rad_s, rate_std_rad_s, bias_rad_s (n, 3): sensor frame. quality (n,): value of messages.Quality. For a sample
+    without a corrected rate, these are NaN and the quality is -1.
+    quat_wxyz (n, 4): unit quaternion from sensor to earth, scalar first. tilt_std, heading_std (n,): standard
+    deviations, rad, the same for all samples of a message. These three are NaN for a sample without an orientation.
     """
 
     device: str

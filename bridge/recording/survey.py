@@ -116,10 +116,10 @@ class Device:
     placements: dict[int, Placement] = field(default_factory=dict)  # by since_ns
 
     def wear(self, status: Status) -> None:
-        """Record the placement that a status message states, if it is new.
+        """Store the placement (body segment and wearer) that a status message states, unless it is stored already.
 
-        A status without a placement ends the placement before it. A placement without a begin starts with the
-        recording, or with the status that first states it.
+        A status without a placement ends the placement before it. A placement may lack its begin time. It then
+        begins at the time of the status, or at 0 if it is the first placement of the recording.
         """
         last, one = next(reversed(self.placements.values()), None), status.placement
         if one is None and last is not None:

@@ -52,8 +52,12 @@ def simulate_session(
 ) -> Session:
     """Simulate a calibration session, from motion to readings; the same arguments always give the same session.
 
-    rate_hz: output data rate. spec: error limits of the sensor, by default those of ImuSpec(). noise_dps: white noise,
-    °/s per sample, which replaces that of spec. The other arguments are those of SessionPlan.
+    seed: seed of all random values. rate_hz: output data rate. spec: error limits of the sensor; None for ImuSpec().
+    noise_dps: white noise, standard deviation per sample, °/s; it replaces that of `spec`.
+    rests_s: duration of every rest, or one duration for each. turns: plans of the turns; None draws one turn of 360°
+    about each axis. turn_s: shortest and longest duration of a turn, s.
+    wobble_deg: largest tilt of a turn's axis on its way. tilt_deg: largest angle between a turn's axis and the sensor
+    axis. replacement_deg: closure error of a turn, standard deviation per axis.
     Raises ValueError if the number of rests does not fit the number of turns.
     Scale, bias and noise draws depend on the seed alone: changing the motion or the noise level keeps the device.
     """

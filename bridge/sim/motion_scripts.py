@@ -20,7 +20,8 @@ class TurnPlan:
     """Plan of one hand-made turn about a sensor axis; a negative angle_deg turns in the other direction.
 
     axis: 0 for x, 1 for y, 2 for z. duration_s: None draws the duration. goes: number of pushes of the hand.
-    swing: instead of turning, pick the device up and put it down in another pose; angle_deg then sets the speed.
+    swing: True replaces the turn: the device is picked up and put down in another pose. The rate then never
+    exceeds the peak rate of a minimum-jerk turn by angle_deg in the same duration.
     """
 
     axis: int
@@ -120,7 +121,7 @@ def tipped(up: Array, then: Array, duration_s: float, wobble: Array | None = Non
 
 
 def any_three_turns(rng: np.random.Generator) -> tuple[TurnPlan, ...]:
-    """Draw the plans of three turns, by 360° about each sensor axis, in any order and direction."""
+    """Draw the plans of three turns by 360°, one about each sensor axis, in random order and direction."""
     return tuple(TurnPlan(int(axis), 360.0 * rng.choice([-1, 1])) for axis in rng.permutation(3))
 
 

@@ -26,9 +26,9 @@ class PtyPort:
     """Serial port of a virtual device: a pseudo-terminal served by its own thread; plugged in from the start.
 
     link: path of the symbolic link that names the port. speed: simulated seconds per real second.
-    lossless: the device's time stops while the reader has no room or the port is unplugged; no byte is lost. Otherwise
-    such bytes are lost and counted in `dropped_bytes`.
-    byte_fault: damages the bytes on their way to the host; may be set and cleared at any time.
+    lossless: True stops the device's time while the reader has no room or the port is unplugged, so no byte is lost.
+    False loses the bytes sent in that time, and counts them in `dropped_bytes`.
+    byte_fault: function that damages the bytes on their way to the host; may be set and cleared at any time.
     """
 
     def __init__(

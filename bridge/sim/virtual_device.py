@@ -80,7 +80,8 @@ class VirtualDevice:
     """Virtual device that speaks the native serial protocol: `receive` takes bytes, `advance` returns bytes.
 
     Call `advance` and `receive` from one thread; power switches and `truth` may be used from any thread.
-    name, seed: decide all random values together. draw_boot: draws boot numbers instead; None for the seed's.
+    name, seed: decide all random values together. draw_boot: function that returns a boot
+    number at each power-up; None draws boot numbers from the seed too.
     source: the samples. spec: None for DeviceSpec().
     """
 

@@ -115,7 +115,7 @@ class Wearer:
             yield from self.leg_and_pause()
 
     def leg_and_pause(self) -> Iterator[Stretch]:
-        """Draw a stretch of walking for 10 to 120 s, then one of standing for 2 to 15 s."""
+        """Yield a stretch of walking for 10 to 120 s, then a pause of 2 to 15 s, labelled as activity SITTING."""
         yield self.leg(self._rng.uniform(10, 120))
         yield self.quiet(Activity.SITTING, self._rng.uniform(2, 15), breath=0.4, restless_deg=0.4)
 

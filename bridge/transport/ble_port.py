@@ -187,7 +187,10 @@ def state(address: str) -> str:
 
 
 def reach() -> str:
-    """Return the state of any BLE device before connecting: to be searched for, or packages missing."""
+    """Return the state of a BLE device that is not connected, in a few words, without searching for the device.
+
+    The text says that the device is searched for only when opened, or which packages of the extra `ble` are missing.
+    """
     return "searched for only when opened" if ble_radio.available() else ble_radio.NEEDS
 
 

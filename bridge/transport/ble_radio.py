@@ -139,7 +139,7 @@ def no_characteristic(wanted: str, there: Mapping[str, Sequence[str]]) -> RadioF
 
 
 def fault(error: Exception) -> RadioFault:
-    """Translate an error of bleak or the operating system into a RadioFault with a code for people."""
+    """Return the RadioFault for an error of bleak or the operating system, with the code of a reason for people."""
     from bleak.exc import (  # noqa: PLC0415
         BleakBluetoothNotAvailableError,
         BleakBluetoothNotAvailableReason,

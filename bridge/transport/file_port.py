@@ -48,8 +48,9 @@ class FilePort:
         self._due, self._then_s = 0.0, time.monotonic()
 
     def read(self, timeout_s: float) -> Chunk:
-        """Return the bytes due since the last read, after a pause of timeout_s, at most 10 ms.
+        """Return the bytes that a serial line would have delivered since the last read.
 
+        Waits first for timeout_s, or for 10 ms if that is shorter.
         Raises DeviceLost at the end of the file, with `over` True, and if the file is closed or fails.
         """
         self._closed.wait(min(timeout_s, _TURN_S))

@@ -15,8 +15,8 @@ class Chunk(NamedTuple):
 class Transport(Protocol):
     """Contract of a connection that carries the bytes of one device; it can be reopened after a close or a loss.
 
-    place: the address, for messages. faults: counts of dropped data by label; the driver of the device replaces it with
-    its own tally. Call `read` and `write` from one thread, `close` from any.
+    place: the address, for messages. faults: counts of dropped data by label; the driver of the device may replace this
+    attribute by its own tally. Call `read` and `write` from one thread, `close` from any.
     """
 
     place: str

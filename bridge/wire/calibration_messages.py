@@ -25,7 +25,8 @@ class AccelerometerCalibration:
 
     poses: number of different poses. bias (3,): m/s². scale (3,): without unit, for a gravity of 9.80665 m/s².
     covariance (36,): rows of the (6, 6) matrix of bias, then scale; the variances are in (m/s²)² and without unit.
-    cross_std: standard deviation of the share of another axis in an axis' reading, without unit.
+    cross_std: standard deviation of the cross-axis sensitivity, the share of another axis' acceleration in an axis'
+    reading, without unit.
     Without an accepted verdict, bias, scale and covariance are empty, and cross_std is 0.
     """
 

@@ -62,7 +62,8 @@ def decode_owned(key: str, payload: bytes) -> Owned:
 def encode_checkpoint(checkpoint: Checkpoint) -> bytes:
     """Encode a Checkpoint as bytes, the payload of bus key checkpoint/<device>.
 
-    Only the last MAX_ANSWERS answers are encoded. A `state` of more than MAX_STATE bytes is left out.
+    Of the answers (verb and reply of a command), only the last MAX_ANSWERS are encoded. A `state` of more than
+    MAX_STATE bytes is left out.
     """
     return pb.Checkpoint(
         version=VERSION,

@@ -91,8 +91,9 @@ def pattern(ward: str, what: str, **ids: str) -> str:
 
 
 def everything(ward: str) -> str:
-    """Build the key pattern for subscribing to all messages of a ward, except the kinds in BY_NAME.
+    """Build the key pattern for subscribing to all messages of a ward, except kinds whose name begins with `@`.
 
+    The excepted kinds, such as `@windowed`, are listed in BY_NAME; each needs a subscription of its own.
     Raises Refusal(BAD_ID) for an invalid ward.
     """
     return "/".join([ROOT, check_id(ward, "ward"), "**"])

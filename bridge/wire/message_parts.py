@@ -54,7 +54,10 @@ def _decoded(raw: pb.Sentence, name: str) -> Sentence:
 
 
 def alert_messages(alerts: Iterable[Alert]) -> list[pb.Alert]:
-    """Convert standing alerts to a list of protobuf messages; persons' names are made printable and shortened."""
+    """Convert standing alerts (raised, not yet cleared) to a list of protobuf messages.
+
+    Names of persons are made printable, and shortened to the largest allowed length.
+    """
     return [
         pb.Alert(
             kind=one.kind,
@@ -68,7 +71,7 @@ def alert_messages(alerts: Iterable[Alert]) -> list[pb.Alert]:
 
 
 def alerts_in(raw: pb.Status | pb.Checkpoint | pb.Owned) -> tuple[Alert, ...]:
-    """Validate the standing alerts inside a received message and convert them.
+    """Validate the standing alerts (raised, not yet cleared) inside a received message and convert them.
 
     Raises Refusal for more than MAX_ALERTS alerts, and for an invalid alert.
     """
@@ -87,13 +90,17 @@ def alerts_in(raw: pb.Status | pb.Checkpoint | pb.Owned) -> tuple[Alert, ...]:
 
 
 def receipt_messages(receipts: Iterable[Receipt]) -> list[pb.Receipt]:
-    """Convert the bias filter's receipts to a list of protobuf messages."""
+    """Convert receipts of the bias filter to a list of protobuf messages.
+
+    A receipt describes one measurement update: innovation, test result, and whether the measurement was used.
+    """
     return [pb.Receipt(**one._asdict()) for one in receipts]
 
 
 def receipts_in(raw: pb.Status) -> tuple[Receipt, ...]:
-    """Validate the bias filter's receipts in a received status and convert them.
+    """Validate the receipts of the bias filter in a received status, and convert them to Receipt objects.
 
+    A receipt describes one measurement update: innovation, test result, and whether the measurement was used.
     Raises Refusal for more than MAX_RECEIPTS receipts, and for an invalid receipt.
     """
     if len(raw.receipts) > MAX_RECEIPTS:

@@ -102,7 +102,7 @@ class DeviceInfo:
     0 until known. gyro_range: full-scale range, rad/s; 0 if unknown. time_ns: when it was sent, ns since the Unix
     epoch.
     samples: number of samples published in this boot. dropped: number of samples not published, by reason.
-    events: counts by label.
+    events: number of other events, such as reconnections, by label.
     """
 
     device: str
@@ -175,7 +175,7 @@ class Placement:
 
 @dataclass(frozen=True, slots=True)
 class Alert:
-    """Standing alert of a device or an estimator; docs/alerts.md lists the kinds.
+    """Standing alert of a device or an estimator: raised, and not yet cleared; docs/alerts.md lists the kinds.
 
     Times are in ns since the Unix epoch. since_ns: when the cause began. raised_ns: when the cause had lasted for its
     hold time. acknowledged_ns: when the person `who` acknowledged the alert; 0 before.
@@ -195,10 +195,11 @@ NO_REST_S = 1e12
 class Receipt(NamedTuple):
     """Receipt of one measurement update of the bias filter: innovation, test and verdict.
 
-    time_ns: ns since the Unix epoch. kind: kind of evidence. innovation: measured - predicted, 1 to 3 values, rad/s.
-    innovation_std: its standard deviations, rad/s. nis: normalised innovation squared. test_ratio: nis divided by the
-    gate. accepted: True if the measurement was used. reason: why it was refused, or accepted beyond the gate; else
-    empty.
+    time_ns: time of the measurement, ns since the Unix epoch. kind: name of the kind of measurement, such as
+    `zaru level` (zero angular rate, horizontal part). innovation: measured - predicted, 1 to 3 values, rad/s.
+    innovation_std: standard deviations of the innovation, rad/s. nis: normalised innovation squared, without unit.
+    test_ratio: nis divided by the gate (the limit of nis). accepted: True if the measurement was used.
+    reason: why the measurement was refused, or accepted beyond the gate; else empty.
     """
 
     time_ns: int
@@ -220,7 +221,7 @@ class Status:
     progress: share of the calibration done, 0 to 1. axes_done: axes of accepted turns: 0 x, 1 y, 2 z.
     evidence_age_s: time since the last accepted rest. temperature_c: NaN if unknown. rate_hz: measured sample rate.
     samples_in, samples_out: numbers of samples received and published; samples_in = samples_out + sum of dropped.
-    dropped, events: counts by label.
+    dropped: number of samples not published, by reason. events: number of other events, by label.
     """
 
     device: str
@@ -302,7 +303,7 @@ class Owned:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Checkpoint:
-    """Checkpoint of a device, from which another estimator can take over: calibration, filter state and last answers.
+    """Checkpoint of a device, from which another estimator can take over: calibration, filter state, last replies.
 
     epoch: number of the ownership; a higher number is later. time_ns: ns since the Unix epoch.
     """

@@ -42,11 +42,14 @@ def encode_columns(
     zero: tuple[int, str],
     quality: Quality,
 ) -> bytes:
-    """Encode an orientation batch from columns packed by `column_of`; the fields are those of OrientationBatch.
+    """Encode an orientation batch as protobuf bytes, from columns packed by `column_of`.
 
-    header: boot, sequence, start_time_ns, tick_period_s, clock_rate, ticks. zero: zero_sequence and zero.
-    quat_wxyz (n, 4); linear_accel (n, 3): m/s², earth axes; covariance (6,): xx, xy, xz, yy, yz, zz in rad², earth
-    axes.
+    epoch: number of the estimator's ownership of the device. header: the fields boot, sequence, start_time_ns,
+    tick_period_s, clock_rate and ticks of OrientationBatch; the ticks are packed.
+    quat_wxyz (n, 4): packed float32, unit quaternions from sensor to earth. linear_accel (n, 3): packed float32, m/s²,
+    earth axes; empty without an accelerometer. covariance (6,): packed float32, xx, xy, xz, yy, yz, zz of the attitude
+    error, rad², earth axes.
+    zero: number of the sample at which the heading was zero, and who reset the heading (`start` for nobody).
     """
     boot, sequence, start_time_ns, tick_period_s, clock_rate, ticks = header
     return columns.OrientationBatch(

@@ -182,7 +182,8 @@ class CorrectedBatch(Timed):
     rate (n, 3) float32: rad/s. bias (3,) float32: rad/s.
     noise_std, bias_std, flicker_std (3,) float32: rad/s. scale_std, cross_std (3,) float32: without unit.
     bias_std belongs to the bias averaged over minutes, flicker_std to the bias' flicker about that average.
-    cross_std is the misalignment. calibration: id of the calibration in use. flags (n,) uint32: SampleFlag bits.
+    scale_std and cross_std belong to the diagonal of the calibration matrix and to its other elements (misalignment).
+    calibration: id of the calibration in use. flags (n,) uint32: SampleFlag bits.
     boot: 64-bit boot number. sequence: number of the first sample since boot. ticks (n,) uint64: device clock,
     tick_period_s each. start_time_ns: host time of the first sample, ns since the Unix epoch. clock_rate: host seconds
     per device second.
@@ -239,9 +240,9 @@ def combined_std(
 
     variance = noise_std² + bias_std² + flicker_std² + (rate · scale_std)² + (across · cross_std)²
 
-    rate (n, 3): rad/s. across: length of the rate about the other two axes, rad/s. noise_std, bias_std, flicker_std:
-    rad/s.
-    scale_std, cross_std: without unit. Each standard deviation is (3,) for all samples, or (n, 3).
+    rate (n, 3): rad/s. across: root of the sum of squares of the rates about the other two axes, rad/s.
+    noise_std, bias_std, flicker_std: rad/s. scale_std, cross_std: without unit. Each standard deviation is (3,) for all
+    samples, or (n, 3).
     """
     rate_var = rate.astype(float) ** 2
     across_var = rate_var.sum(axis=1, keepdims=True) - rate_var

@@ -9,7 +9,10 @@ from estimator.config.alerts import Alerts
 
 
 class Change(NamedTuple):
-    """Change of an alert: raised, acknowledged or cleared. cleared: True if the fault of the alert has ended."""
+    """Change of an alert: raised, acknowledged or cleared.
+
+    alert: the alert after the change. cleared: True if the alert is cleared, because its fault has ended.
+    """
 
     alert: Alert
     cleared: bool = False
@@ -29,7 +32,7 @@ class Board:
     """Alert board of one device or estimator: its present faults and standing alerts.
 
     An alert is raised when its fault has lasted for the hold time in `settings`. The alert is cleared when the fault
-    has been absent for `clear_s`; a fault that returns earlier is the same fault.
+    has been absent for the time `settings.clear_s`, s; a fault that returns earlier is the same fault.
     standing: alerts raised before a restart or a takeover. now_s: monotonic time, s.
     """
 
@@ -40,7 +43,7 @@ class Board:
 
     @property
     def standing(self) -> tuple[Alert, ...]:
-        """Standing alerts of the device or estimator, oldest first."""
+        """Standing alerts of the device or estimator: raised and not yet cleared, oldest first."""
         found = (trouble.alert for trouble in self._troubles.values() if trouble.alert is not None)
         return tuple(sorted(found, key=lambda one: one.raised_ns))
 
@@ -64,7 +67,7 @@ class Board:
         return changes
 
     def acknowledge(self, kind: str, who: str, now_ns: int) -> list[Change]:
-        """Mark alerts as acknowledged by a person; returns the alerts that were not acknowledged before.
+        """Mark alerts as acknowledged by a person; returns those newly acknowledged, each as a Change.
 
         kind: kind of alert; "" for all. who: name of the person. now_ns: ns since the Unix epoch.
         """

@@ -59,8 +59,10 @@ def asked(
 ) -> Iterator[tuple[Member, CommandReply]]:
     """Ask the running programs of a ward which settings they use; yields pairs of program and reply.
 
-    digest: checksum of the ward file; each program gets up to patience_s seconds to read a file with this checksum.
-    If the certificate of `routers` is not a commander's, only the program with that certificate is asked.
+    Only programs that reply are yielded. digest: checksum of the changed ward file. Each program is asked again for up
+    to patience_s seconds, until its reply states this checksum.
+    routers: addresses and certificate for connecting. If the certificate has another role than commander, only the
+    program to which it belongs is asked.
     """
     for member in _members(bus, routers, ward):
         key, deadline = (

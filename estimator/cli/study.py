@@ -1,4 +1,4 @@
-"""Verbs `truerate study ...`: measure the calibration methods by simulation."""
+"""Verbs `truerate study ...`: measure the errors of the calibration methods by simulation."""
 
 import argparse
 from pathlib import Path

@@ -14,7 +14,7 @@ from bridge.toml.loader import ConfigError
 def ward_of(given: argparse.Namespace, *roles: Role) -> tuple[str, Routers]:
     """Return the ward's name and its routers, from the options and the ward file.
 
-    roles: roles of the certificate of which one is needed; by default those that may receive messages.
+    roles: accepted roles of this program's certificate; by default the roles that may receive messages.
     Raises ConfigError for an invalid ward file, and for a certificate with another role.
     """
     from estimator.config.schema import Ward  # noqa: PLC0415
@@ -27,7 +27,7 @@ def ward_of(given: argparse.Namespace, *roles: Role) -> tuple[str, Routers]:
 
 
 def listening(given: argparse.Namespace, ward: str) -> None:
-    """Print the name of the ward that is listened to on standard error, since the answer takes some seconds."""
+    """Print `listening to ward NAME` to standard error, because the answer of the ward takes some seconds."""
     default = "" if given.config or given.ward else " (the default; name another with --config or --ward)"
     print(f"listening to ward {ward}{default} …", file=sys.stderr)
 

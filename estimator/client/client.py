@@ -75,8 +75,9 @@ class Client:
     ) -> Corrected:
         """Return a stream of corrected batches (rates in rad/s, sensor frame), each sample exactly once and in order.
 
-        device: one device id, several ids, or None for every device of the ward. history: True delivers the last
-        seconds first. idle_s: iteration ends after this time without a batch, or when the stream is closed.
+        device: one device id, several ids, or None for every device of the ward. history: True first delivers cached
+        batches of the last seconds.
+        idle_s: iteration ends after this time without a batch, or when the stream is closed.
         wait_s: time to wait for missing samples; at least 3 s if another estimator publishes the samples after the gap.
         A gap that is not filled is counted in `missing` and reported to on_miss.
         queue: largest number of unread messages; beyond it, the oldest are dropped.
@@ -143,8 +144,8 @@ class Client:
         """Return a stream of raw readings as the bridges publish them, in SI units, sensor frame.
 
         Gyro in rad/s; accelerometer in m/s² and temperature in °C if the device has them. device: one id, several ids,
-        or None for all. history: True delivers the last seconds first. queue: largest number of unread messages; beyond
-        it, the oldest are dropped.
+        or None for all. history: True first delivers cached readings of the last seconds. queue: largest number of
+        unread messages; beyond it, the oldest are dropped.
         """
         return self._stream("raw", codec.decode_samples, device, history=history, queue=queue)
 
@@ -258,7 +259,7 @@ class Client:
         return self._command(device, "note", who, text)
 
     def forget(self, device: str, who: str, reason: str = "", *, erase: bool = False) -> CommandReply:
-        """Remove a device from the ward that no longer sends.
+        """Remove a device from its ward, after the device has stopped sending.
 
         who: name of the person or program that asks, for the audit. reason: free text. erase: True also deletes its
         entries in the store, except its audit.

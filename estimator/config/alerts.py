@@ -28,7 +28,7 @@ _HOURS = re.compile(r"([01]\d|2[0-3]):([0-5]\d)-([01]\d|2[0-3]):([0-5]\d)\Z")
 
 
 class Alerts(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Alerts: hold times, quiet hours, and the addresses that alerts are sent to. The page shows alerts in any case.
+    """Settings of alerts: hold times, quiet hours, and addresses to send to. The web page always shows all alerts.
 
     Raises ValueError for an unknown kind of alert, and for a value out of range.
     """

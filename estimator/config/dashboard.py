@@ -21,7 +21,7 @@ PERSON_ROLES: tuple[PersonRole, ...] = get_args(PersonRole)
 
 
 class Person(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A person who may recalibrate, cancel and note: one [[dashboard.people]] table.
+    """Person who may give commands on the page (recalibrate, cancel, add notes): one [[dashboard.people]] table.
 
     Raises ValueError for an invalid name, and for a password that is not a hash.
     """
@@ -39,7 +39,7 @@ class Person(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
 
 class OpenId(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Login by an OpenID Connect provider, such as the hospital's; needs `pip install 'truerate[openid]'`.
+    """Settings of login by an OpenID Connect provider, such as the hospital's; needs `pip install 'truerate[openid]'`.
 
     Raises ValueError for an invalid issuer, and without roles.
     """
@@ -65,7 +65,7 @@ class OpenId(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
 
 class Dashboard(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """The dashboard's web page. Everybody who can reach the page may look; the listed people may also give commands.
+    """Settings of the web page. Everybody who can reach the page may look; the listed people may also give commands.
 
     Raises ValueError for an invalid or contradictory setting.
     """

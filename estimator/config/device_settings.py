@@ -52,11 +52,13 @@ def knobs_of(model: NoiseModel, knobs: SessionKnobs | None = None) -> SessionKno
 
 
 def knobs_of_stated(words: str, knobs: SessionKnobs | None = None) -> SessionKnobs:
-    """Return the session settings of a device without a model in the ward file, from the model that the device states.
+    """Return the session settings of a device from the sensor name that it reports, for a ward file without its model.
 
-    words: model as the device states it; empty if unknown. Range, scale tolerance and scale limit stay those of the
-    generic model: the name of a chip does not tell them, and no turn is refused because of a name. knobs: settings that
-    the model does not determine; None for the defaults.
+    words: description reported by the device, such as `Arduino Nano 33 BLE (LSM9DS1)`; empty if unknown. A sensor name
+    in it selects the noise model; without a known name, the generic model is used.
+    knobs: settings that a noise model does not determine; None for the defaults.
+    Full-scale range, scale tolerance and scale limit are always those of the generic model. A sensor name does not
+    determine them, and no turn is refused because of a name.
     """
     usual, name = knobs_of(load_model(GENERIC), knobs), model_stated(words)
     if not name:
@@ -67,12 +69,12 @@ def knobs_of_stated(words: str, knobs: SessionKnobs | None = None) -> SessionKno
 
 
 class Treatment:
-    """Session settings of each device of a ward, from its [estimator] table, else from the model that the device states.
+    """Session settings of each device of a ward, from the noise model in the ward file, else from the reported sensor.
 
-    The estimator uses these settings, as do programs whose results must agree with it.
-    usual: settings that no model determines; None for the defaults. model: name or file of the noise model of all
-    devices.
-    models: the same by device id.
+    The estimator uses these settings, as do programs whose results must agree with the estimator.
+    usual: settings that a noise model does not determine; None for the defaults.
+    model: name or file of the noise model for all devices; empty to use the sensor name in each device's description.
+    models: name or file of the noise model by device id, for devices that differ.
     """
 
     def __init__(
@@ -82,7 +84,10 @@ class Treatment:
         self._made = dict[tuple[str, str], SessionKnobs]()
 
     def of(self, device: str, words: str = "") -> SessionKnobs:
-        """Return the session settings of one device. words: model as the device states it; empty if unknown."""
+        """Return the session settings of one device.
+
+        words: description reported by the device, which may name its sensor; empty if unknown.
+        """
         told = self.told(device)
         key = (told, "" if told else model_stated(words))
         if key not in self._made:
@@ -106,5 +111,5 @@ def treatment(told: "Estimator | None") -> Treatment:
 
 
 def learning(knobs: SessionKnobs) -> SessionKnobs:
-    """Return a copy of the settings in which gravity readings of a worn device refine its scale and misalignment."""
+    """Return a copy of the settings with `learn_matrix` on: gravity refines scale and misalignment of a worn device."""
     return replace(knobs, track=replace(knobs.track, learn_matrix=True))

@@ -14,7 +14,7 @@ from estimator.noise.device_model import load_model
 
 
 class Estimator(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """The estimator: its id, its store, and how it calibrates.
+    """Settings of the estimator: its id, its store, its calibration method and the noise models of devices.
 
     Raises ValueError for an invalid setting.
     """

@@ -22,8 +22,9 @@ HEADING_DEG, HEADING_SHARE = 5.0, 0.1
 class Judgement:
     """Errors of one boot of one device, for the n samples from the first of quality GOOD to the last.
 
-    k_true, k, k_std (3,): scale factors and standard deviation at the end, without unit. time (n,): device time, s.
-    bias_true_dps, bias_dps, bias_std_dps (n, 3): bias and its standard deviation, sensor frame.
+    k_true, k, k_std (3,): true and estimated scale factors at the end, and their standard deviation, without unit.
+    time (n,): device time, s. bias_true_dps, bias_dps, bias_std_dps (n, 3): true and estimated bias, and its standard
+    deviation, sensor frame.
     raw_heading_deg, corrected_heading_deg (n,): heading error of the integrated readings and corrected rates.
     """
 
@@ -43,8 +44,8 @@ class Judgement:
     def good(self) -> bool:
         """True if scale factors and final bias are within their limits, and the corrected heading error is small.
 
-        Limits of scale and bias: SIGMAS standard deviations, bounded by SCALE (without unit) and BIAS_DPS. Limit of the
-        heading: HEADING_DEG, or HEADING_SHARE of the largest raw error if that is more.
+        Limits of scale and bias errors: SIGMAS standard deviations, clipped to the ranges SCALE (without unit) and
+        BIAS_DPS. Limit of the heading error: HEADING_DEG, or HEADING_SHARE of the largest raw error if that is more.
         """
         left, raw = np.abs(self.corrected_heading_deg).max(), np.abs(self.raw_heading_deg).max()
         return bool(

@@ -23,11 +23,11 @@ _SHADES = {"NONE": "#b0b0b0", "PRIOR": "#d9c7a0", "BIAS_ONLY": "#cdc6e6", "GOOD"
 
 
 class Bins(NamedTuple):
-    """Binned samples for a plot: m bins of samples, and k points.
+    """Division of samples into m bins, and the k points of the plotted line: one for each bin, two more for each gap.
 
     edges (m,): index of the first sample of each bin.
-    time_s (k,): time of each point, s. shown (k,): bin of each point.
-    Each gap adds a point at the last sample before it, and a point at NaN, so no line crosses the gap.
+    time_s (k,): time of each point, s. shown (k,): index of the bin whose value each point has.
+    The points of a gap are at the last sample before the gap, and at time NaN, so that no line crosses the gap.
     """
 
     edges: NDArray[np.int64]

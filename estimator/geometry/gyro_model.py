@@ -22,9 +22,10 @@ def axis_names(axes: Iterable[int]) -> str:
 
 
 def least_step(reading: Floats) -> Floats:
-    """Rounding step (3,) of readings (n, 3), in their unit: the smallest difference between readings on each axis.
+    """Rounding step (3,) of readings (n, 3), rad/s: the smallest difference above 1e-9 between readings on each axis.
 
-    The step is close to zero where readings are not rounded. It is COARSE_STEP (rad/s) where they never differ.
+    The step is close to zero on an axis with unrounded readings. On an axis whose readings are all equal, the step is
+    COARSE_STEP.
     """
     ordered = np.sort(reading.T)
     steps = ordered[:, 1:] - ordered[:, :-1]
@@ -35,11 +36,12 @@ def least_step(reading: Floats) -> Floats:
 
 
 def rounding_var(std: Floats, step: Floats) -> Floats:
-    """Variance (3,) of the mean of readings at rest from rounding: step² / 12, or 0 where noise averages it out.
+    """Variance (3,) that rounding adds to the mean of readings at rest: step² / 12 if std < step / 2, else 0.
 
     std (3,): standard deviation of a reading. step (3,): rounding step, in the same unit. The variance is in the square
         of this unit.
-    Noise below half the step leaves the same rounding error in every reading, so averaging does not reduce the error.
+    If the noise is small, every reading has the same rounding error, which averaging does not reduce. Larger noise
+    makes the rounding errors independent, so that they average out.
     """
     return np.where(std < step / 2, step**2 / 12, 0.0)
 
@@ -122,7 +124,8 @@ def repeatability(scales: Sequence[Floats], knobs: PriorKnobs) -> float:
     """Boot-to-boot repeatability of a device's scale factors: relative standard deviation from one boot to the next.
 
     scales (n, 3): calibrated scale factors of consecutive boots. With n of 0 or 1 the result is `knobs.scale_std`.
-    Method: scale of the scaled inverse χ² posterior of the variance, the same for all axes. The prior counts as one
+    Method: square root of the scale parameter of the variance's posterior, a scaled inverse χ² distribution. The
+    variance is that of the change of log scale, the same for all axes. The prior knobs.scale_std² counts as one
     observation (A. Gelman et al., "Bayesian Data Analysis", 3rd ed. (2013), 2.6).
     """
     moved = np.diff(np.log(np.reshape(scales, (-1, 3))), axis=0)

@@ -22,18 +22,22 @@ _SAME = np.zeros(9)
 
 
 class Span(NamedTuple):
-    """Integrals over an uninterrupted span of `seconds`, in rows (34, 3) of kernels/strapdown.py.
+    """Integrals over an uninterrupted span of `seconds`, stored in the array `rows` (34, 3).
+
+    C rotates vectors from the present sensor axes to those at the start. a is the accelerometer reading less its bias,
+    m/s². phi (3,) is the small rotation of the end attitude that a parameter error causes, rad. Each name is an index
+    of `rows`, defined in kernels/strapdown.py:
 
         END (3, 3)                                   C at the end of the span
         PUSH (3,) m/s                                integral of C a: velocity change
-        SHIFT (3,) m                                 integral of the growing push over time
+        SHIFT (3,) m                                 integral over time of the push so far: displacement
         DRIFT (3,) m/s                               push - shift / seconds, in sensor axes at the end
         BY_BIAS (3, 3), BY_MATRIX (9, 3)             phi (rad) per rad/s of bias, per relative change of the matrix
         PUSH_BY_BIAS (3, 3), PUSH_BY_MATRIX (9, 3)   the same sensitivities of push (m/s)
         PUSH_BY_ACCEL (3, 3)                         push (m/s) per m/s² of accelerometer bias
 
     The changed matrix is (1 + change) matrix.
-    way: angle turned in total, in both directions, rad.
+    way: integral of the magnitude of the rate, rad.
     unrest: rms deviation of the velocity from that of a constant acceleration, m/s.
     """
 
@@ -51,6 +55,7 @@ def sum_up(
     gyro (n, 3) rad/s, accel (n, 3) m/s²: readings.
     matrix (3, 3), bias (3,) rad/s, accel_bias (3,) m/s²: the calibration.
     change (9,): relative change of the matrix, by rows; the matrix used is (1 + change) matrix.
+    All results are in the sensor axes at the start of the span, except DRIFT.
     """
     rows = loop.summed(dt, gyro, accel, matrix, bias, accel_bias, change)
     seconds, way, unrest = rows[loop.SCALARS].tolist()

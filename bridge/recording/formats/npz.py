@@ -49,8 +49,8 @@ def read(path: Path, reading: Reading) -> Table:
 
 
 def origin(device: str, boot: str) -> tuple[str, int]:
-    """Return a device id and a boot number as an export writes them; "" and 0 if either has another form.
+    """Parse the device id and boot number stored in an exported file; returns "" and 0 if either is invalid.
 
-    boot: 16 hexadecimal digits.
+    device: id. boot: boot number as 16 hexadecimal digits.
     """
     return (device, int(boot, 16)) if keys.ID.match(device) and _BOOT.fullmatch(boot) else ("", 0)

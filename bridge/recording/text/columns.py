@@ -48,7 +48,8 @@ class Columns:
     """Meaning of a text table's columns.
 
     gyro: columns of the rates, once for each unit in the file. accel: likewise for the acceleration. clocks: all time
-    columns. counter, temperature, rate: index of the column with sample numbers, °C, and Hz; None if there is none.
+    columns. counter, temperature, rate: index of the column with sample numbers, with temperatures in °C, and with the
+    sampling rate in Hz; None if there is none.
     numbers: indices of all columns to read as numbers. unused: names of columns of incomplete vectors. notes: sentences
     for the user on the choice of columns.
     """

@@ -35,7 +35,8 @@ def read(path: Path, reading: Reading, layout: Layout | None = None) -> Table:
     """Read a recording from a text table as a Table, in SI units.
 
     layout: layout of the table if another file describes it; None recognises the layout.
-    Raises RecordingError, which names the options that can supply missing facts.
+    Raises RecordingError if the columns, units or times cannot be determined. The message names the options that
+    supply them.
     """
     tags = tags_of(next(blocks(path), [])) if layout is None else None
     if tags is None:
