@@ -33,7 +33,12 @@ ELSEWHERE = "also from "
 
 
 class Ruling(Enum):
-    """Ruling on a batch of samples: accept (TAKE, JUMP), begin a boot (BOOT, RETURN, REPEAT), or only count it."""
+    """Ruling on a batch of samples: accept the batch, begin a boot with it, or refuse it.
+
+    TAKE: accept, since the batch continues the boot. JUMP: accept after a leap in number or time that has persisted.
+    BOOT: begin a new boot. RETURN: go back to an earlier boot. REPEAT: begin a new power-up under a known boot id.
+    LATE: refuse and count late or repeated samples. RANGE: refuse and count implausible times or numbers.
+    """
 
     TAKE = auto()
     #: the device has restarted: begin its boot
@@ -61,7 +66,7 @@ class Mark:
     """End of the last accepted batch.
 
     sequence: number of the next sample. device_s: device time of the last sample, s. receive_ns: host time of receipt
-    at the bridge, ns since the Unix epoch. heard_s: time of arrival here, s of a steady clock.
+    at the bridge, ns since the Unix epoch. heard_s: time of arrival at the estimator, s of a steady clock.
     """
 
     sequence: int
@@ -117,26 +122,27 @@ class Admission:
         self._heard_s = heard_s
 
     def go_on(self, heard_ns: int) -> None:
-        """Record when the boot to be continued was last heard: host time `heard_ns`, ns since the Unix epoch.
+        """Set the time of the last sample of a boot that continues from a saved session.
 
-        Samples received earlier than that belong to an older boot.
+        heard_ns: host time of receipt of this sample, ns since the Unix epoch. A batch of an unknown boot that was
+        received earlier counts as older and is refused.
         """
         self._booted_ns = heard_ns
 
     def label(self, bridge: str, heard_s: float) -> str:
-        """Return the name of the counter for samples from a bridge that is not the owner, and record when it was heard.
+        """Return the counter's name for samples from a bridge that is not the owner; record when this bridge was heard.
 
-        heard_s: arrival time, s of a steady clock. Each of the first NAMED_BRIDGES bridges has its own counter; all
-        others share one.
+        heard_s: arrival time of the samples, s of a steady clock. Each of the first NAMED_BRIDGES bridges has its own
+        counter; all others share one.
         """
         if bridge in self._others or len(self._others) < NAMED_BRIDGES:
             self._others[bridge] = heard_s
         return f"{ELSEWHERE}{bridge if bridge in self._others else 'others'}"
 
     def refused(self, now: float) -> tuple[str, ...]:
-        """Return the ids of the bridges other than the owner that send this device.
+        """Return the ids of the other bridges from which samples of this device were refused lately.
 
-        now: present time, s of a steady clock.
+        now: present time, s of a steady clock. Bridges silent for longer than the owner may be are left out.
         """
         return tuple(
             bridge for bridge, at in self._others.items() if bridge != self.owner and now - at <= self._owned_s

@@ -114,7 +114,7 @@ class BootCalibration:
     def seen(self) -> tuple[Floats, Floats] | None:
         """Bias (3,) in rad/s measured in rests of this boot, and its standard deviation (3,) in rad/s, sensor frame.
 
-        None while the bias is still uncertain.
+        None while a standard deviation is above the limit `TrackKnobs.bias_std`, rad/s.
         """
         return (self.tracker.bias, self.tracker.std) if self.tracker.sure else None
 

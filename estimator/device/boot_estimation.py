@@ -37,7 +37,7 @@ class BootEstimationState(StateStruct):
     calibration: id of the calibration in use, which is stored elsewhere; empty without one.
     under_way: whether a calibration is in progress. asked: the person who requested it, and the reason.
     turned: axes (0, 1, 2) whose turns are accepted. scratch: reasons why earlier knowledge does not apply.
-    began, now: device time, s, of the start of the boot and of the last judged window.
+    began, now: device time, s, of the boot's start, and of the end of the last window judged still or moving.
     silent_until, silent_c: device time, s, and temperature, °C, of the first sample after the latest silence.
     moves: relative standard deviation of the scale factors from boot to boot, without unit.
     cancelled, cancelled_until: reasons shown after a cancelled calibration, until this device time, s.
@@ -68,7 +68,10 @@ class BootEstimationState(StateStruct):
 class BootEstimation(BootCalibration):
     """Estimation within one boot: calibration, bias tracking and the correction to apply.
 
-    began: device time of the boot's start, s. See BootCalibration for the other arguments.
+    began: device time of the boot's start, s. law: temperature law (bias against temperature) from earlier boots, or
+    None.
+    life: state table that receives the events. events: counts of other events.
+    as_message: converts a calibration result into a calibration message.
     """
 
     def __init__(
@@ -145,10 +148,10 @@ class BootEstimation(BootCalibration):
         return buffer
 
     def resumed(self, time: float, celsius: float | None) -> None:
-        """Note the end of a silence, by the time and temperature of the next sample.
+        """Record the end of a period without samples: device time and temperature of the next sample.
 
-        time: device time, s. celsius: temperature, °C, or None. Until the tracker reaches that time, `correction` uses
-        the bias predicted for that time.
+        time: device time, s. celsius: temperature, °C, or None. Until the tracker reaches `time`, `correction` uses
+        the bias predicted for `time`.
         """
         self._silent_until, self._silent_c = time, celsius
 

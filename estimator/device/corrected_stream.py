@@ -89,11 +89,11 @@ class CorrectedStream:
 
     @property
     def tracker(self) -> Tracker:
-        """Bias tracker of the current boot: a Kalman filter with its evidence."""
+        """Bias tracker of the current boot: a Kalman filter for the bias and its slope by temperature."""
         return self.learnt.tracker
 
     def begins_earlier(self, samples: Samples) -> bool:
-        """Return whether these are the first samples of the boot and lie before its assumed start in device time."""
+        """Return whether `samples` are the first of the boot and lie before its assumed start in device time."""
         return self.sequence.next is None and samples.first_s < self.learnt.began
 
     def take(self, samples: Samples, cuts: list[Cut]) -> Outcome | None:
@@ -133,8 +133,8 @@ class CorrectedStream:
     def learn(self) -> Outcome:
         """Update bias and calibration from the last finished block; return the outcome.
 
-        If this method is not called, the update happens at the end of the next block. In both cases its result is
-        applied from there on.
+        If this method is not called, the update happens at the end of the next block. In both cases the new correction
+        applies to samples after the end of the next block.
         """
         outcome = Outcome()
         self._learn(outcome)

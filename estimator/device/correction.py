@@ -30,7 +30,7 @@ class Correction:
     bias_std (3,): standard deviation of the bias, rad/s. calibration: id of the calibration in use.
     flicker: standard deviation of the bias instability, rad/s. walk: rate random walk, rad/s/√s.
 
-    The next two are used by the orientation only, and are None until known.
+    `taught` and `accel` are used by the orientation estimate only, and are None until known.
     taught (21,), estimated from gravity: relative change of the matrix (9, row by row), its standard deviation (9), and
     that of the accelerometer bias (3, m/s²).
     accel (9,), of a calibrated accelerometer: bias (3, m/s²), scale factors (3), standard deviation of the bias (3,
@@ -66,9 +66,12 @@ class Correction:
 
     @cached_property
     def known(self) -> Floats:
-        """Sensor parameters (38,) for the orientation estimate, in SI units.
+        """Sensor parameters with uncertainties, packed into one array (38,) for the orientation estimate.
 
-        `orientation.attitude.known` describes their order.
+        Order: calibration matrix (9, row by row, no unit); bias (3, rad/s).
+        Then standard deviations: bias (3, rad/s), matrix (9, relative), accelerometer bias (3, m/s²), white noise (3,
+        rad/s), bias instability (1, rad/s).
+        Then rate random walk (1, rad/s/√s), accelerometer bias (3, m/s²), accelerometer scale factors (3).
         """
         model, accel = self.model, _AS_READ
         if self.taught is None:
@@ -149,7 +152,7 @@ def choose(
     bias, bias_std (3,): tracked bias and its standard deviation, rad/s. noise_std (3,): white noise of a reading in the
     present rest, rad/s; None for the model's. flicker: standard deviation of the bias instability, rad/s.
     sure: whether the bias is known well enough and not in doubt. away: whether the device sends nothing.
-    walk, taught, accel: see `Correction`.
+    walk: rate random walk, rad/s/√s. taught (21,), accel (9,): parameters of the orientation, as in `Correction`.
 
     Quality GOOD needs a calibration of this boot, a sure bias, and a device that sends.
     """

@@ -140,10 +140,7 @@ class Lifecycle:
         return self._reason_before if self.away else self.reason
 
     def say(self, reason: Sentences) -> None:
-        """Set the reason of the present state.
-
-        While the device is away, the reason of the state to which it will return.
-        """
+        """Set the reason of the present state; while the device is away, of the state to which it will return."""
         if self.away:
             self._reason_before = reason
         else:

@@ -12,7 +12,8 @@ from estimator.state import Floats
 class OrientedCut(NamedTuple):
     """Segment of samples, and the attitude at each sample.
 
-    zero: sequence number of the sample at which the heading was set to zero, and by whom; `start` if by nobody.
+    zero: sequence number of the sample at which the heading was set to zero, and the name of the person who set it. The
+    name is `start` if nobody has.
     """
 
     cut: Cut
@@ -23,8 +24,8 @@ class OrientedCut(NamedTuple):
 def oriented(due: Sequence[tuple[Attitude, Cut]], *, every: bool = False) -> list[OrientedCut]:
     """Integrate attitudes over segments of samples, for any number of devices; return each segment with its attitudes.
 
-    due: pairs of a device's attitude state and its next segment; the segments of one device in order. every: see
-    `orient`.
+    due: pairs of a device's attitude state and its next segment; the segments of one device in order.
+    every: True for the covariance (rad²) at each sample, False for that at the last sample of each segment.
     Samples that a restored attitude has already processed are left out. The result does not depend, bit for bit, on how
     the samples are batched.
     """

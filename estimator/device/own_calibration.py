@@ -1,4 +1,7 @@
-"""Plausibility check of a calibration that a device made itself with the paper's Algorithm 1 (`embedded/`). Pure."""
+"""Plausibility check of a calibration that a device made itself. Pure.
+
+The device uses Algorithm 1 of Wang et al. 2024; its code is in `embedded/`.
+"""
 
 from math import degrees, radians
 

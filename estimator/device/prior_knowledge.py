@@ -37,8 +37,8 @@ class PriorKnowledge:
     def bias_at(self, now: float, doubt_std: float) -> BiasState | None:
         """Return the stored bias for use at device time `now`, s; None if none is stored.
 
-        If the age of the bias is unknown, `doubt_std` (rad/s) is added to its standard deviation in squares. A rest
-        must then confirm it.
+        If the age of the bias is unknown, the variance of each axis grows by the square of `doubt_std`, rad/s. A rest
+        must then confirm the bias.
         """
         if self.bias is None:
             return None

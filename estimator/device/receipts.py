@@ -9,7 +9,7 @@ from estimator.tracking.evidence import Receipt
 
 
 def receipt_message(receipt: Receipt, time_ns: int) -> messages.Receipt:
-    """Convert a receipt of the bias filter into a wire message.
+    """Convert a receipt of the bias filter (the record of one measurement update) into a wire message.
 
     time_ns: host time of the measurement, ns since the Unix epoch. Innovation and its standard deviation are in rad/s.
     A standard deviation, NIS or test ratio that is not finite becomes the largest of its range. An innovation of NaN

@@ -1,4 +1,4 @@
-"""Poses in which a device rested, collected second by second; they calibrate the accelerometer."""
+"""Poses in which a device rested, collected from one-second blocks of samples; they calibrate the accelerometer."""
 
 from math import cos, radians
 
@@ -59,9 +59,10 @@ class RestingPoses:
         self._calibrate()
 
     def take(self, second: Second) -> None:
-        """Process the next second of samples. A still second with accelerometer data extends the rest in progress.
+        """Process the next block of samples, about one second long: extend the rest in progress, or end it.
 
-        Any other second ends the rest.
+        A still, faultless block with accelerometer data extends the rest; any other block ends it. If the mean reading
+        has changed by more than 0.1 m/s² on an axis, the block begins a new rest.
         """
         if second.accel_mean is None or second.accel_std is None or second.flaw or not second.still:
             self.end_rest()
@@ -77,7 +78,7 @@ class RestingPoses:
         self._rest = [total + one for total, one in zip(self._rest, more, strict=True)]
 
     def end_rest(self) -> None:
-        """End the rest in progress, if any; recalibrate if it is a new pose or the longest rest in its pose.
+        """End the rest in progress, if any; recalibrate if its pose is new, or if the rest is the longest in its pose.
 
         Poses lie at least 30° apart, so their number is bounded.
         """

@@ -1,4 +1,4 @@
-"""Sequence numbers and times of the latest tracked seconds, from which revisions of past biases are built."""
+"""Sequence numbers and times of the latest one-second blocks, from which revisions of past biases are built."""
 
 from collections import deque
 
@@ -14,17 +14,16 @@ REVISED_S = 2000
 
 
 class RevisionSequences:
-    """Latest tracked seconds of one boot, at most REVISED_S of them.
+    """Record of the latest one-second blocks that the bias tracker used in one boot, at most REVISED_S blocks.
 
-    Of the last sample of each second it keeps the device time (s), sequence number, and host time (ns since the Unix
-    epoch).
+    For the last sample of each block: device time (s), sequence number, and host time (ns since the Unix epoch).
     """
 
     def __init__(self) -> None:
         self._seconds: deque[tuple[float, int, int]] = deque(maxlen=REVISED_S)
 
     def note(self, end: float, sequence: int, time_ns: int) -> None:
-        """Record the last sample of a tracked second.
+        """Record the last sample of a one-second block that the bias tracker has used.
 
         end: device time, s. sequence: sequence number. time_ns: host time, ns since the Unix epoch.
         """
@@ -32,7 +31,10 @@ class RevisionSequences:
 
     @property
     def reached(self) -> tuple[int, int] | None:
-        """Sequence number and host time, ns since the Unix epoch, of the last tracked sample; None before the first."""
+        """Sequence number and host time, ns since the Unix epoch, of the last sample of the latest block.
+
+        None before the first block.
+        """
         return self._seconds[-1][1:] if self._seconds else None
 
     def revision(
@@ -44,12 +46,13 @@ class RevisionSequences:
         gap_s: float,
         smoothed: Smoothed,
     ) -> BiasRevision | None:
-        """Build the message that revises the bias during a gap in the evidence, from smoothed biases.
+        """Build the message that revises past biases, after a period without measurements of the bias.
 
         of: device id and boot id. time_ns: host time, ns since the Unix epoch, at which the revision became known.
-        calibration, matrix (3, 3): id and matrix of the gyro model in use. gap_s: length of the gap, s.
-        smoothed: biases in rad/s by device time. Seconds that are too old to be in this record are left out.
-        Returns None if no second is left.
+        calibration, matrix (3, 3): id and matrix of the gyro model in use. gap_s: length of the period, s.
+        smoothed: smoothed biases (rad/s) at the device times of block ends. Blocks that are no longer recorded are left
+        out.
+        Returns None if no block is left.
         """
         known = {time: (sequence, time_ns) for time, sequence, time_ns in self._seconds}
         kept = [i for i, time in enumerate(smoothed.time) if time in known]

@@ -6,7 +6,7 @@ SAME_RATE = 0.02
 
 
 def same_rate(one_hz: float, other_hz: float) -> bool:
-    """Return whether two output data rates in Hz agree within the tolerance SAME_RATE.
+    """Return whether two output data rates in Hz differ by at most 2 % (SAME_RATE) of the lower rate.
 
     A rate of 0 means unknown and equals no known rate.
     """

@@ -11,7 +11,7 @@ class SavedSamples(StateStruct):
 
     time: bit patterns of device times in s, as integers. sequence: sequence numbers. host_ns: host times, ns since the
     Unix epoch. Time, sequence and host_ns are stored as differences between samples.
-    rows (n, 8): the other columns of estimator/samples/sample_buffer.py.
+    rows (n, 8): gyro (3, rad/s), accelerometer (3, m/s²), clipped or stuck (0 or 1), temperature (°C).
     """
 
     first: int

@@ -52,7 +52,8 @@ class SessionState(StateStruct):
 
     first: number of the boot's first sample. last_heard_ns: host time of the last receipt, ns since the Unix epoch.
     begun_s: device time of sample `next`, s; None when unknown. length_s: length of its block, s.
-    latest_s: device time of the sample before it, s. clock: see `Blocks`.
+    latest_s: device time of the sample before it, s. clock: device time of the boot's first sample, s, or None; device
+    time minus the device's own clock, s, which is 0 unless that clock went back.
     applied: correction of the block with sample `next`. ready: correction of the next block, unless a later estimate
     replaces it.
     life: names of the lifecycle state and of the state before the device went away, and the reasons of both.
@@ -79,7 +80,8 @@ class SessionState(StateStruct):
 class DeviceSession(CorrectedStream):
     """Session of one device across its boots: takes raw samples; gives corrected rates, calibrations and a status.
 
-    See CorrectedStream for the arguments.
+    device: its id. knobs: settings of the session. began: device time of the first boot's start, s.
+    sequence: sequence counters to continue; new ones by default.
     """
 
     # ---- boots ----------------------------------------------------------------------------------------------------
@@ -345,9 +347,9 @@ class DeviceSession(CorrectedStream):
         """Build the status message of the device: state, reason, quality, estimates, counters and new receipts.
 
         time_ns: time of the status, ns since the Unix epoch. silent_s: seconds since the last sample.
-        bridge: id of the bridge whose samples are used. refused_bridges: others that send the device.
+        bridge: id of the bridge whose samples are used. refused_bridges: ids of bridges whose samples are refused.
         epoch: number of this estimator's ownership; rises with each takeover. more: events counted outside the session.
-        Each receipt appears in one status only.
+        Each receipt (record of one measurement update of the bias filter) appears in one status only.
         """
         known, learnt = self._ready, self.learnt
         seldom = self._too_seldom() if self.life.state is State.AWAITING_STILL else ()

@@ -22,7 +22,7 @@ def learnt(tracker: Tracker, noise_std: Floats, turns: tuple[Turn, ...] = ()) ->
     """Convert the tracker's bias (rad/s), and its matrix estimated from gravity, into a calibration result.
 
     noise_std (3,): white noise of a reading, rad/s. turns: those of a calibration by hand that this one continues.
-    `tracker.taught` must not be None.
+    `tracker.taught` (the estimates from gravity) must not be None.
     """
     state, before = tracker.state, tracker.matrix
     change = state.x[MATRIX].reshape(3, 3)

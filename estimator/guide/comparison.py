@@ -76,10 +76,10 @@ def differing(axes: Iterable[AxisCompared]) -> tuple[int, ...]:
 
 
 def bias_moves(calibration: Calibration, known: Iterable[Calibration]) -> tuple[int, ...]:
-    """Return the axes (0, 1, 2) whose bias has moved since the calibration before in the same boot.
+    """Return the axes (0, 1, 2) whose bias differs from the previous accepted calibration of the same boot.
 
-    known: calibrations of the device. An axis counts if the 95 % intervals of both biases do not overlap. Then the bias
-    has changed in between, or one calibration is wrong.
+    known: calibrations of the device. A bias differs if the 95 % intervals of the two values do not overlap. Then the
+    bias has changed in between, or one calibration is wrong.
     """
     before = last_before(calibration, [c for c in known if c.boot == calibration.boot])
     if before is None or calibration.verdict is not Verdict.ACCEPTED:

@@ -276,9 +276,10 @@ class Guide:
 
 
 def wrong_in(reason: Sentences) -> Sentences:
-    """Return the sentences of a status's reasons that name faults, without the usual messages.
+    """Return the sentences of a status's reasons that name faults; usual messages are left out.
 
-    Sentences after the list of turns still needed repeat an earlier verdict. A turn accepted since then is not a fault.
+    If a turn has been accepted, the sentences from the list of missing turns on repeat an earlier verdict. These
+    sentences are left out, too.
     """
     codes = [one.code for one in reason]
     if Code.TURN_TAKEN in codes and Code.TURNS_NEEDED in codes:

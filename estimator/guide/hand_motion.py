@@ -91,9 +91,9 @@ class Hand:
         return float(np.linalg.norm(self.turned)) > NUDGE
 
     def believe(self, along: int) -> None:
-        """Set the axis (0, 1, 2) that lies along the table's edge, after a person turned the device about it that way.
+        """Set the axis that points along the table's edge, as shown by the turn that a person has just made.
 
-        Ignored if this axis stands upright.
+        along: this axis, 0, 1 or 2. Ignored if this axis stands upright.
         """
         if along != self.top:
             self.edge = along

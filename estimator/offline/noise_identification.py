@@ -28,6 +28,8 @@ _UNEVEN = 0.05
 class AtRest:
     """Noise of the gyro axes x, y and z in one rest of a recording.
 
+    axes: for x, y and z: angle random walk (rad/s/√Hz), bias instability (rad/s), rate random walk (rad/s/√s), and the
+    Allan deviation (rad/s) from which they follow.
     start_s, end_s: start and end of the rest, s. total_s: length of the recording. rate_hz: measured samples per second
     in the rest.
     mean, std (3,): mean and standard deviation of the readings, rad/s. step (3,): least difference between readings,

@@ -13,7 +13,7 @@ from bridge.wire.messages import Holding, Move, Owned
 class Share:
     """Estimator of a ward: whether it is alive, the devices that it owns, and its recent moves of devices.
 
-    load: processor seconds per second.
+    load: processor time used by the estimator's process, s per s; 1 is one core in full use.
     """
 
     estimator: str

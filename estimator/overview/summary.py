@@ -57,7 +57,7 @@ class WardSummary:
     needs: devices that need a person, most urgent first. troubles: faults of the ward itself.
     samples_in, samples_out, dropped: numbers of samples received, published and dropped by the estimators.
     law: by device, a sentence for each device where samples_in differs from samples_out + dropped.
-    unused: number of unused samples by device and reason, the device with most first; devices without any are left out.
+    unused: number of samples that estimator or bridge did not use, by device and reason; the device with most first.
     told: by device, in English, other events that its bridge counted, and an unexpected sample rate.
     """
 
@@ -180,9 +180,9 @@ def placement_as_json(placement: Placement | None) -> dict[str, Any] | None:
 
 
 def total(unused: Mapping[str, Mapping[str, int]]) -> Counter[str]:
-    """Return the number of unused samples of all devices together, by reason.
+    """Return the number of samples of all devices that estimator or bridge did not use, by reason.
 
-    unused: number of unused samples by device and reason.
+    unused: number of these samples by device and reason.
     """
     return sum(map(Counter, unused.values()), Counter())
 

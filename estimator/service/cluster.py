@@ -35,7 +35,8 @@ DOUBLE = "messages of another estimator with our id"
 class Cluster:
     """Membership, ownership and checkpoints of the ward's estimators, as seen from one of them.
 
-    own: id of this estimator. now_ns: the host's clock, ns since the Unix epoch. counts: the ward's counts.
+    own: id of this estimator. now_ns: the host's clock, ns since the Unix epoch. counts: the ward's counts of refused
+    and lost messages.
     peers: ids of other estimators seen at the start. Runs on the service's own thread, except the handler of liveliness
     tokens.
     """
@@ -84,11 +85,12 @@ class Cluster:
     # ---- what the others say ----------------------------------------------------------------------------------------
 
     def look(self, now: float, *, heard: bool) -> list[str]:
-        """Read the other estimators' messages, once a round; returns ids of our devices that another estimator took.
+        """Read the other estimators' messages, once a round; return the ids of devices that another estimator took.
 
         now: monotonic time, s. heard: whether samples arrived in this round. While no message at all arrives, silence
         of the other estimators does not count.
-        Sets `came` and `calibrated`.
+        Sets `came`: whether another estimator appeared. Sets `calibrated`: checkpoints with a calibration that former
+        owners sent of devices held here.
         """
         membership, self.came, self.calibrated = self.membership, False, []
         said = self._heard.drain(512, 0.0)
@@ -230,11 +232,11 @@ class Cluster:
     # ---- what is said of ours -----------------------------------------------------------------------------------------
 
     def say(self, devices: dict[str, Device], now: float) -> None:
-        """Publish which devices this estimator owns, every SAY_S seconds.
+        """Publish which devices this estimator owns, if the next message is due.
 
-        Without other estimators, every SAY_ALONE_S seconds.
-        devices: our devices by id. now: monotonic seconds. During a hold-off (no takeovers after a start or an outage)
-        nothing is published, so that no other estimator waits for this one.
+        One message is due every SAY_S seconds; without other estimators, every SAY_ALONE_S seconds.
+        devices: devices of this estimator by id. now: monotonic time, s. During a hold-off (no takeovers after a start
+        or an outage) nothing is published, so that no other estimator waits for this one.
         """
         membership = self.membership
         if now < self._next_say or not membership.ready(now):

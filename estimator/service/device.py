@@ -114,7 +114,7 @@ class Device:
     def say(self, what: str, payload: bytes) -> None:
         """Publish an encoded message of the device if the device is announced.
 
-        what: kind of the message, a key of CACHES.
+        what: kind of the message, such as `status` or `calibration`; the keys of CACHES list all kinds.
         """
         if self.announced:
             self._publisher(what).put(payload)

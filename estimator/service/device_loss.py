@@ -36,10 +36,10 @@ class DeviceLoss:
         self._presence, self._gate, self._waiting, self._silence_s = presence, gate, waiting, silence_s
 
     def look(self, device: Device, now: float) -> None:
-        """Check one device, once a second; mark its session as lost after a silence of more than `silence_s`.
+        """Check one device, once a second; if it has been silent for too long, mark its session as lost and log why.
 
-        now: monotonic time, s. If a live bridge has withdrawn the device, a silence of SETTLED_S seconds suffices. The
-        reason is found and logged.
+        now: monotonic time, s. The limit is a silence of `silence_s` seconds, or SETTLED_S seconds from the time at
+        which a live bridge withdrew the device.
         """
         silent_s = now - device.heard
         if silent_s <= min(self._silence_s, SETTLED_S) or device.key in self._waiting:

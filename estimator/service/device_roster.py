@@ -35,7 +35,8 @@ FAILED = "session failed"
 class DeviceRoster(dict[str, Device]):
     """Known devices by id, at most MAX_DEVICES, and the latest info that each bridge sent of each device.
 
-    counts: the ward's counts. silence_s: silence after which an uncalibrated device may make room for another, s.
+    counts: the ward's counts of refused and lost messages. silence_s: silence after which an uncalibrated device may
+    make room for another, s.
     """
 
     def __init__(self, counts: Tally, silence_s: float) -> None:

@@ -77,6 +77,7 @@ class EarlierBoots:
     def law(self, session: DeviceSession, info: DeviceInfo, then: Callable[[TemperatureLaw | None], None]) -> None:
         """Fit the temperature law (bias against temperature) to earlier boots of the same hardware.
 
+        session: its settings of the bias filter are used. info: hardware of the device.
         then(law): called on the service's thread; law is None if there is none. The fit runs on the store's thread,
         since it takes as long as correcting many samples.
         """
@@ -86,6 +87,7 @@ class EarlierBoots:
     def moves(self, session: DeviceSession, info: DeviceInfo, then: Callable[[float], None]) -> None:
         """Compute the relative standard deviation of the scale factors from boot to boot of the same hardware.
 
+        session: its settings of the prior are used. info: hardware of the device.
         then(std): called on the service's thread. The store is read on its own thread.
         """
 

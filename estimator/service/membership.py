@@ -1,9 +1,8 @@
 """Membership of estimators in a ward, and ownership of devices by rendezvous hashing. Pure: `now` is monotonic time, s.
 
-A device belongs to the live estimator with the highest rendezvous hash. That estimator takes the device under an epoch
-above every epoch it has received. The estimator keeps the device until another estimator claims it under a higher
-epoch.
-Subscribers follow the highest epoch.
+A device belongs to the live estimator with the highest rendezvous hash. That estimator takes the device under a new
+epoch (number of an ownership). The estimator keeps the device until another estimator claims it under a higher epoch.
+Subscribers use the messages of the highest epoch.
 
 Every estimator must reach the same answer by itself, although each may know different devices. So devices are not
 counted, and are shared as evenly as chance allows (300 devices on three estimators: 100 ± 8 each).
@@ -118,7 +117,10 @@ class Membership:
             peer.heard_s += seconds
 
     def token(self, name: str, now: float, *, alive: bool) -> None:
-        """Note that an estimator's liveliness token appeared on the bus (alive) or vanished. now: monotonic time, s."""
+        """Record that an estimator's liveliness token appeared on the bus (alive) or vanished.
+
+        now: monotonic time, s.
+        """
         peer = self._peers.get(name)
         if peer is not None:
             peer.token = alive
@@ -131,9 +133,10 @@ class Membership:
         self.highest = max(self.highest, *(epoch for epoch in epochs if epoch < BEYOND), 0)
 
     def said(self, owned: Owned, now: float) -> list[str]:
-        """Process an ownership message; returns our devices that its sender holds under a higher epoch.
+        """Process an ownership message; return the devices that its sender claims from this estimator.
 
-        now: monotonic time, s.
+        owned: lists the devices that the sender holds, with epochs. A device counts if this estimator holds it under a
+        lower epoch; of equal epochs, the one of the later estimator id wins. now: monotonic time, s.
         """
         if owned.estimator == self.own:
             return []

@@ -40,10 +40,10 @@ class Overload:
         self._idle_s += seconds
 
     def look(self, now: float) -> int:
-        """Check at monotonic time `now`, s, whether the loop keeps up; returns the seconds of overload so far, else 0.
+        """Check whether the loop keeps up; return the length of the present overload in s, 0 without an overload.
 
-        An overload begins when the busy share exceeds BUSY for PERSISTS_S seconds. The overload ends after OVER_S
-        seconds below.
+        now: monotonic time, s. An overload begins when the busy share has been above BUSY (0.95) for PERSISTS_S (5)
+        seconds. The overload ends OVER_S (10) seconds after the last such period.
         """
         passed_s, self._looked = now - self._looked, now
         if passed_s > 0:

@@ -20,8 +20,8 @@ class OwnAlerts:
     """Alert board of an estimator for its machine: disk, clock, certificate and backups.
 
     own: id of the estimator. standing: alerts raised before a restart. told(change): called for each change.
-    copies_fail(): whether copying backups to the bucket fails. now_s: monotonic time, s. look_up(work): runs work that
-    may wait for a disk.
+    copies_fail(): whether copying backups to the S3 bucket fails. now_s: monotonic time, s.
+    look_up(work): runs work that may wait for a disk.
     """
 
     def __init__(

@@ -39,7 +39,7 @@ class SampleAccount(NamedTuple):
 class PeriodicChecks:
     """Once-a-second checker: compares numbers of samples in, out and dropped, and takes the service's health snapshot.
 
-    counts: the ward's counts. vitals: receives the health snapshot.
+    counts: the ward's counts of refused and lost messages. vitals: receives the health snapshot.
     """
 
     def __init__(self, devices: DeviceRoster, counts: Tally, vitals: ServiceHealth) -> None:

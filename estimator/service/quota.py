@@ -49,10 +49,12 @@ class _Queue:
 
 
 class Quotas:
-    """Fair queue of bus messages: a round of the run loop takes at most SHARE messages of each key, in their order.
+    """Fair queue of bus messages: a round of the run loop takes a limited share of each key's messages, in their order.
 
-    At most QUOTA messages of a key wait; beyond that the oldest are dropped. dropped(key, messages): called with the
-    number of messages dropped.
+    Each message counts for at least 1024 bytes. Of a key, a round takes at most SHARE_BYTES bytes, or one larger
+    message. After about ROUND messages in total, the remaining keys wait for the next round.
+    At most QUOTA_BYTES bytes of a key wait; beyond that the oldest messages are dropped.
+    dropped(key, messages): called with the number of messages dropped.
     """
 
     def __init__(self, dropped: Callable[[str, int], None]) -> None:
@@ -66,10 +68,7 @@ class Quotas:
         return key in self._queues
 
     def round(self, messages: Sequence[Message]) -> list[Message]:
-        """Queue messages; returns those to process in this round, at most SHARE_BYTES bytes of each key.
-
-        Each message counts for at least 1024 bytes. Beyond QUOTA_BYTES bytes the oldest messages of a key are dropped.
-        """
+        """Queue new messages; return the messages to process in this round, within the limits of each key."""
         if not self._queues and len({message.key for message in messages}) == len(messages) <= ROUND:
             return list(messages)  # one message of each key, as usual: nothing has to wait
         for message in messages:

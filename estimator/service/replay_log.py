@@ -103,18 +103,22 @@ class Resumed:
         return samples.boot == boot and samples.sequence + samples.n <= following and before
 
     def bridge(self, device: str, came_ns: int) -> str:
-        """Id of the bridge whose samples of a device were used before the restart; empty where unknown.
+        """Return the id of the bridge whose samples of a device were used before the restart.
 
-        came_ns: host time of a sample's receipt, ns since the Unix epoch. Empty if the sample came after the restart.
+        came_ns: host time of a sample's receipt, ns since the Unix epoch. The id is empty if the bridge is unknown, or
+        if the sample came after the last one corrected before the restart.
         """
         found = self._reached.get(device)
         return "" if found is None or came_ns > found[2] else found[3]
 
 
 def since(messages: Sequence[Message], boot: int, following: int) -> list[Message]:
-    """Select the messages that a session still needs: none that end before sample number `following` of its boot.
+    """Select the messages that a session has not processed yet.
 
-    messages: in order of arrival. Consecutive messages are merged into few large ones.
+    messages: in order of arrival. boot: id of the session's boot. following: number of the first sample that the
+    session has not processed.
+    Kept are messages of this boot with samples from `following` on, and all messages after the last processed one.
+    Consecutive messages are merged into few large ones.
     """
     left = [(message, _read(message)) for message in messages]
     ends = {n: _end(raw) for n, (_, raw) in enumerate(left) if raw is not None and raw.boot == boot}

@@ -37,7 +37,8 @@ _VERSION = version("truerate")
 class Store(StoreReader):
     """Open store of a ward's devices, for reading and writing.
 
-    path: the file, or an open Database. patient: an unreadable file raises no error (see Database).
+    path: the file, or an open Database. patient: True raises no error for an unreadable file; queries then return no
+    rows.
     Only the writing thread may call `add_…`, `save_…`, `repeat`, `erase` and `thin`; any thread may call the rest.
     Writing methods raise StoreError if the write fails.
     """

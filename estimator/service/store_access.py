@@ -128,10 +128,10 @@ class StoreAccess:
         return Checkpoint(device, boot, 0, 0, bridge, self._store.calibrated(device, boot), state=state)
 
     def holds(self, device: Device, known: Checkpoint) -> bool:
-        """Return whether another estimator's checkpoint agrees with the calibrations stored here.
+        """Return whether another estimator's checkpoint is consistent with the calibrations stored here.
 
-        If it agrees, its calibration is stored here, too. False if its calibration belongs to an earlier power-up or
-        was superseded here.
+        True: the checkpoint's calibration, if any, is then stored here, too. False: this calibration belongs to an
+        earlier power-up, or a later one is stored here.
         """
         if (said := calibrated(known)) is None:
             return True
@@ -241,10 +241,10 @@ class StoreAccess:
         return self._store.last_run(round(2e9 * CHECKPOINT_S))
 
     def checkpoint(self, device: Device, now: float, *, force: bool = False, whole: bool = False) -> None:
-        """Publish a device's checkpoint and store its bias, if known, every CHECKPOINT_S seconds.
+        """Publish a device's checkpoint and store its bias, if known, when the next checkpoint is due.
 
-        now: monotonic time, s; an earlier call does nothing. force: do not wait. whole: store the whole session with
-        the bias, since no sample follows.
+        now: monotonic time, s. A checkpoint is due CHECKPOINT_S seconds after the last. force: do both even if none is
+        due. whole: store the whole session with the bias, since no sample follows.
         """
         if now < device.checkpoint_due and not force:
             return

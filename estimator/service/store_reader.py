@@ -26,7 +26,8 @@ _FEW = 8
 class StoreReader:
     """Reader of a ward's store.
 
-    Methods raise StoreError if the store cannot be read, unless the database is patient.
+    Methods raise StoreError if the store cannot be read. If the database was opened as patient, queries return no rows
+    instead.
     """
 
     def __init__(self, database: Database) -> None:
@@ -202,7 +203,8 @@ class StoreReader:
     def points(self, info: DeviceInfo) -> list[Points]:
         """Return the bias history of the latest earlier boots with the same restore key as `info`, one item per boot.
 
-        At most BOOTS boots, and the first POINTS points of each where the temperature is known.
+        Each item has biases with standard deviation, rad/s, and temperatures, °C. At most BOOTS boots, and the first
+        POINTS points of each where the temperature is known.
         """
         this = keys.boot_id(info.boot)
         rows = self.database.rows("boots", "device = ?", (info.device,), _LATEST_FIRST)

@@ -35,8 +35,9 @@ class Before(NamedTuple):
 class Kept(msgspec.Struct):
     """Stored bias of a boot, as `Store.save_bias` writes it.
 
-    x, P: state and covariance of the bias filter; the bias is in rad/s. time, powered: device time of the state and of
-    power-up, s.
+    x (6): state of the bias filter: bias (3, rad/s), then its slope by temperature (3, rad/s/K). P (6, 6): covariance
+    of x.
+    time, powered: device time of the state and of power-up, s.
     temperature_c: mean of the last seconds, °C; the latest reading is `lag_k` kelvin above it. doubted: whether the
     bias was in doubt.
     calibration: id of the calibration in use. asked: person who requested the recalibration in progress, and the

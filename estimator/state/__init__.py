@@ -1,6 +1,6 @@
 """Serialisation of state to bytes: typed msgspec structs, arrays as shape and values, compressed.
 
-Checked when decoded.
+Decoding checks types and size.
 """
 
 import threading

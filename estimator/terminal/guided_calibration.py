@@ -117,7 +117,7 @@ class Heard:
         return unless_broken(self.guide.told(), self._known, self._device, now)
 
     def others(self) -> list[str]:
-        """Return the ids of the ward's devices if this one is not among them; otherwise an empty list."""
+        """Return the ids of the ward's devices if the device to calibrate is not among them; else an empty list."""
         there = sorted(name for name, story in self._known.stories.items() if story.info is not None)
         return there if self.story.status is None and self._device not in there else []
 

@@ -1,4 +1,4 @@
-"""Receiver of a ward's live messages; waits until they can be told from old messages that the bus has cached."""
+"""Receiver of a ward's live messages, which distinguishes them from old messages that the bus has cached."""
 
 import time
 

@@ -102,9 +102,9 @@ class Broadcast:
         self.failed, self.left_out = Tally(), Tally()
 
     def connect(self, client: Client, control: Client) -> None:
-        """Start receiving by the sessions of a router, when one is first connected; topics already watched restart.
+        """Start to receive from the first router found; topics that pages watch already are restarted.
 
-        client: session for data. control: session for liveliness and commands.
+        client: session with the router for data. control: session for liveliness and commands.
         """
         self._desk.client, self._desk.control = client, control
         self._heard = Heard(self._desk.known, client, control)

@@ -59,8 +59,9 @@ class Trail:
     def take(self, status: Status) -> None:
         """Add a status (sent once a second and at every change) as a point.
 
-        A status that is not newer than the last point is left out. If the next status is newer than that one but still
-        older than the last point, the clock was set back; then later points are dropped.
+        A status that is not newer than the last point is left out. Two such statuses in a row, in order of time, show
+        that the clock was set back. If the second is over 5 s older than the last point, it is added, and all later
+        points are removed.
         """
         latest_ns = self.receipts[-1].time_ns if self.receipts else 0
         self.receipts += (one for one in status.receipts if one.time_ns > latest_ns)  # a status may come twice

@@ -24,8 +24,8 @@ class Lost:
 
     time_s: host time, s since the Unix epoch. read: angle from the heading by corrected rates to the heading by raw
     rates, rad.
-    zeroed: the same for raw rates less the first bias, rad. std: standard deviation of the corrected heading from its
-    bias alone, rad.
+    zeroed: the same angle for raw rates minus the bias at the start, rad.
+    std: standard deviation of the corrected heading due to the uncertain bias alone, rad.
     """
 
     time_s: float

@@ -16,8 +16,9 @@ SESSIONS = 500
 class Session:
     """Login session of one person in one browser.
 
-    until, idle_until: monotonic times of its latest end, and of its end without a request, s. csrf: token in each of
-    the person's forms.
+    until: monotonic time at which the session ends at the latest, s. idle_until: monotonic time at which it ends if no
+    request comes, s.
+    csrf: token in each of the person's forms.
     role: which actions are allowed. elsewhere: whether an OpenID Connect provider authenticated the person.
     said: message to show once: whether it reports success, the device's id, and a function that gives the text in a
     language.

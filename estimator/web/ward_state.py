@@ -160,9 +160,10 @@ class Known:
         return self.stories[device]
 
     def tidy(self, now: float) -> None:
-        """Forget devices that ended, that no bridge lists, or that are uncalibrated and silent while others are not.
+        """Forget ended devices, devices without a status that no live bridge lists, and silent uncalibrated devices.
 
-        now: monotonic time, s.
+        now: monotonic time, s. The second and third kind are forgotten after FORGET_S seconds. A device counts as
+        silent only while another device sends statuses.
         """
         over, spoken = {*self._view.ended(now), *self._unlisted(now)}, self._view.silences(now)
         if spoken and min(spoken.values()) <= SILENT_S:
@@ -200,7 +201,8 @@ class Known:
     def take_token(self, kind: str, name: str, alive: bool) -> None:  # noqa: FBT001 - the bus's contract
         """Record whether the estimator or bridge `name` is alive. The bus calls this on its own thread.
 
-        kind: `estimator` or `bridge`. Beyond _TOKENS names a dead one is forgotten, else the oldest.
+        kind: `estimator` or `bridge`. At most 1024 names of a kind are kept: a dead one is forgotten first, otherwise
+        the oldest.
         """
         there = self.alive[kind]
         there[name] = alive

@@ -1,6 +1,6 @@
 """Outlet for Foxglove: a WebSocket server with a channel for each device.
 
-`server` runs it; docs/foxglove.md describes it.
+The module `server` contains the server; docs/foxglove.md describes the outlet.
 """
 
 import argparse

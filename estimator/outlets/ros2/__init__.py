@@ -1,6 +1,6 @@
 """Outlet for ROS 2: publishes a ward's samples as a node with rmw_zenoh does.
 
-`node` does it; docs/ros2.md describes it.
+The module `node` contains the ROS 2 node; docs/ros2.md describes the outlet.
 """
 
 import argparse

@@ -62,7 +62,7 @@ class _Device:
 
 
 class Cursor:
-    """Cursor of one reader: reads kept batches whole, or as means with `hz` means a second.
+    """Cursor of one reader: reads kept batches whole, or reduced to `hz` mean values a second.
 
     after: place of each device from which to resume; other devices begin with all kept samples. None: all begin with
     the next sample.

@@ -93,7 +93,7 @@ class Reader:
     ) -> list[T]:
         """Wait for the next samples and return make(one) of each batch or report of missed samples.
 
-        most: about the number of batches to read. Empty if nothing arrives within `wait_s` seconds.
+        most: approximate largest number of batches to read. Empty if nothing arrives within `wait_s` seconds.
         """
         each = max(1, most // len(self._cursors))
         deadline_s = time.monotonic() + wait_s

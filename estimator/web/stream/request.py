@@ -29,7 +29,7 @@ class Asked:
 
     devices: ids; empty means all. after: places from which to resume; empty begins with all kept samples, None with the
     next sample.
-    hz: means a second, None for every sample. wait_s: longest wait, s.
+    hz: mean values a second; None for every sample. wait_s: longest wait, s.
     """
 
     devices: tuple[str, ...]
