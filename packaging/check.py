@@ -1,8 +1,8 @@
 """Installs the release in dist/ on a new Debian 12, uses, upgrades, downgrades and removes it, and prints a table.
 
 `make release-check`, as root, after `make release ARGS=x86_64`. Needs Debian's packages debootstrap, systemd-container,
-lintian, chromium, libnss3-tools, podman and buildah. The machine has its own systemd and no network; kernel, clock and
-processors are of this machine. The containers need a network.
+lintian, chromium, libnss3-tools, podman and buildah. The new machine has its own systemd and no network; it shares kernel, clock
+and processors with this machine. The containers need a network.
 Exit code 1 if a check failed.
 """
 

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Self
 
-#: what a Debian 12 server has, and what the release depends on, as the machine has no network
+#: packages of a Debian 12 server, and the dependencies of the release: the machine has no network to install them later
 PACKAGES = "systemd,systemd-sysv,udev,dbus,sudo,procps,ca-certificates,python3,python3-venv,libstdc++6,bluez,man-db"
 
 
