@@ -1,4 +1,4 @@
-"""Draws a recording made by LabRecorder: the rates of each device, and the markers. `python docs/lsl_picture.py IN.xdf OUT.svg`."""
+"""Draws a recording of LabRecorder: the rates of each device, and the markers. `python docs/lsl_picture.py IN.xdf OUT.svg`."""
 
 import sys
 
