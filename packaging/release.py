@@ -137,7 +137,7 @@ def _bundle(work: Path, wheels: Path, name: str) -> None:
 
 
 def _debian(work: Path, wheels: Path, platform: str, version: str) -> None:
-    """Install the wheels into an environment for /opt/truerate, add documentation, and make the package of it."""
+    """Install the wheels into an environment for /opt/truerate, add documentation, and build the package."""
     tree = work / "tree"
     environment, share = tree / "opt/truerate", tree / "usr/share"
     there = ("--python", f"{environment}/bin/python", "--python-platform", f"{platform}-manylinux_2_28")
