@@ -1,7 +1,7 @@
 """Runs the containers of docs/install.md, word by word, with podman, as a new user of this machine who is not root.
 
-check.py uses this module. Needs Debian's packages debootstrap, podman, buildah and uidmap, and a network, for Debian's packages in the
-image and podman-compose from PyPI. The user sees cgroups of version 2, as on any Debian 12.
+check.py uses this module. Needs Debian's packages debootstrap, podman, buildah and uidmap, and a network, for Debian's packages
+in the image and podman-compose from PyPI. The user sees cgroups of version 2, as on any Debian 12.
 """
 
 import re
