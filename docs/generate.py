@@ -43,7 +43,7 @@ EXIT_CODES = """| exit code | meaning |
 | 0 | done |
 | 1 | done, but with a finding that needs a person; or refused because of the data: a recording, a device, the store, the bus |
 | 2 | wrong usage: an option, an argument, or a file of settings (ward file, profile, certificates) that cannot be used |
-| 130 | interrupted by Ctrl-C; a verb that runs until it is stopped ends with 0 |"""
+| 130 | interrupted by Ctrl-C; a command that runs until you stop it ends with 0 |"""
 
 
 def command_line() -> str:

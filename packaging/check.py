@@ -1,8 +1,8 @@
 """Installs the release in dist/ on a new Debian 12, uses, upgrades, downgrades and removes it, and prints a table.
 
 `make release-check`, as root, after `make release ARGS=x86_64`. Needs Debian's packages debootstrap, systemd-container,
-lintian, chromium, libnss3-tools, podman and buildah. The machine has its own systemd and no network; kernel, clock and
-processors are of this machine. The containers need a network.
+lintian, chromium, libnss3-tools, podman and buildah. The new machine has its own systemd and no network; it shares kernel, clock
+and processors with this machine. The containers need a network.
 Exit code 1 if a check failed.
 """
 
@@ -25,7 +25,7 @@ from rich.table import Table
 ROOT = Path(__file__).parent.parent
 DIST = ROOT / "dist"
 SERVICES = ("router", "bridge", "estimator", "dashboard", "recorder")
-#: a subscriber, started before there is a ward: ends with the first sample that is corrected by an accepted calibration
+#: subscriber that starts before the ward, and ends with the first sample corrected by an accepted calibration
 SUBSCRIBER = """
 from truerate import Client
 with Client(ward="ward-3") as ward:
@@ -149,7 +149,7 @@ def _tablets(machine: Machine, passwords: dict[str, str], restart: str) -> Row:
 
 
 def _restored(machine: Machine, people: str) -> Row:
-    """Lose store and people, and restore both from the nightly backup, as docs/upgrade.md says."""
+    """Delete the store and the people, and restore both from the nightly backup, as docs/upgrade.md says."""
     done = machine.run(
         "systemctl stop truerate-estimator && cd /var/lib/truerate && rm -f ward.sqlite3* people.toml"
         " && sudo -u truerate truerate store restore $(ls backups/ward-*T*.sqlite3 | tail -1) --config /etc/truerate/ward.toml"
@@ -176,7 +176,7 @@ def _bundle(machine: Machine, bundle: Path, _work: Path) -> Iterator[Row]:
 
 
 def _running(machine: Machine, what: str) -> Row:
-    """Check that all services are active, and that none was restarted in the meantime."""
+    """Check that all services are active, and that no service restarted in the meantime."""
     names = " ".join(f"truerate-{name}" for name in SERVICES)
     passed = wait(40, lambda: machine.run(f"systemctl is-active {names}").returncode == 0)
     return what, " ".join(machine.run(f"systemctl is-active {names}").stdout.split()), passed

@@ -1,7 +1,7 @@
-"""The containers of docs/install.md, word by word, run with podman by a new user of this machine who is not root.
+"""Runs the containers of docs/install.md, word by word, with podman, as a new user of this machine who is not root.
 
-check.py runs it. Needs Debian's packages debootstrap, podman, buildah and uidmap, and a network, for Debian's packages in the
-image and podman-compose from PyPI. The user sees cgroups of version 2, as on any Debian 12.
+check.py uses this module. Needs Debian's packages debootstrap, podman, buildah and uidmap, and a network, for Debian's packages
+in the image and podman-compose from PyPI. The user sees cgroups of version 2, as on any Debian 12.
 """
 
 import re
@@ -20,7 +20,7 @@ Row = tuple[str, str, bool]
 
 
 class User:
-    """A new user, whose containers share the image's files; a context, at whose end containers and home are removed."""
+    """Context of a new user whose containers share the image's files; the exit removes containers and home."""
 
     def __init__(self, name: str) -> None:
         subprocess.run(["useradd", "--create-home", name], check=True)
@@ -95,7 +95,7 @@ def _base(user: User, folder: Path) -> None:
 
 
 def _confined(status: str) -> bool:
-    """Check that there is no capability and no way to one, and that the process is not root's on this machine."""
+    """Check that the process has no capability, cannot gain one, and does not run as root on this machine."""
     capabilities = re.findall(r"^Cap\w+:\s+0{16}$", status, re.MULTILINE)
     return len(capabilities) == 2 and "NoNewPrivs:\t1" in status and "root" not in status
 

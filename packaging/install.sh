@@ -1,12 +1,12 @@
 #!/bin/sh
-# Installs truerate on this machine from this folder alone, without a network: into /opt/truerate, or --prefix DIR (no root needed).
+# Installs truerate from the files in this folder, without a network, into /opt/truerate (as root) or into --prefix DIR (without root).
 set -eu
 cd "$(dirname "$0")"
 prefix=/opt/truerate
 [ "${1:-}" = --prefix ] && prefix=$2
 python=${PYTHON:-python3}
 "$python" -c 'import sys; sys.exit(sys.version_info[:2] != (3, 11))' || {
-    echo "this bundle is for Python 3.11; this machine's $python is $("$python" -V 2>&1). Set PYTHON=/path/to/python3.11" >&2
+    echo "$python is $("$python" -V 2>&1), but this bundle needs Python 3.11. Set PYTHON=/path/to/python3.11" >&2
     exit 1
 }
 "$python" -c 'import ensurepip' 2>/dev/null || {

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Self
 
-#: what a Debian 12 server has, and what the release depends on, as the machine has no network
+#: packages of a Debian 12 server, and the dependencies of the release: the machine has no network to install them later
 PACKAGES = "systemd,systemd-sysv,udev,dbus,sudo,procps,ca-certificates,python3,python3-venv,libstdc++6,bluez,man-db"
 
 
@@ -33,7 +33,7 @@ def wait(seconds: float, met: Callable[[], bool]) -> bool:
 
 
 class Machine:
-    """A running Debian; a context, at whose end all its processes end."""
+    """Context of a running Debian guest; the exit ends all its processes."""
 
     def __init__(self, root: Path) -> None:
         words = ["systemd-nspawn", "--quiet", "--boot", f"--directory={root}", f"--machine=truerate-{os.getpid()}"]
@@ -57,16 +57,16 @@ class Machine:
         self._container.wait(60)
 
     def network(self, *words: str) -> None:
-        """Run a program of this machine in the network of that one."""
+        """Run a program of the host in the guest's network."""
         subprocess.run(["nsenter", f"--target={self._init}", "-n", *words], check=True)
 
     def started(self, *words: str) -> "subprocess.Popen[str]":
-        """Start a program of this machine in the network of that one."""
+        """Start a program of the host in the guest's network."""
         inside = ["nsenter", f"--target={self._init}", "-n", *words]
         return subprocess.Popen(inside, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
     def run(self, command: str, seconds: float = 900) -> subprocess.CompletedProcess[str]:
-        """Run a shell command on the machine as root."""
+        """Run a shell command on the guest as root."""
         enter = [
             "nsenter",
             f"--target={self._init}",

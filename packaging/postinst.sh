@@ -3,7 +3,7 @@ set -e
 if [ "$1" = configure ]; then
     systemd-sysusers truerate.conf || adduser --system --group --quiet --home /var/lib/truerate --no-create-home truerate
     systemd-tmpfiles --create truerate.conf || install -d -o truerate -g truerate -m 0750 /var/lib/truerate
-    # Kernels are compiled now, so that no service compiles them at its first start.
+    # The numerical kernels are compiled here, so no service compiles them at its first start.
     (cd / && runuser -u truerate -- env NUMBA_CACHE_DIR=/var/cache/truerate /opt/truerate/bin/python3 -m estimator.kernels) || true
     if [ -d /run/systemd/system ]; then
         systemctl daemon-reload || true

@@ -29,11 +29,11 @@ PYTHON, PYTHON_VERSION = "/usr/bin/python3.11", "3.11"
 PLATFORMS = {"x86_64": "amd64", "aarch64": "arm64"}
 #: as in nfpm.yaml
 MAINTAINER = "truerate maintainers <maintainers@localhost>"
-#: extras for the analysis of recordings of other tools, which the bundle has and the Debian package has not
+#: extras to read recordings of other tools; the bundle contains them, the Debian package does not
 ANALYSIS = ("cwa", "hdf5", "parquet", "xdf")
-#: Their builds can leave out the tests, 60 MB (SciPy's manual: "Building redistributable binaries"); so does the package.
+#: packages whose tests (60 MB) the Debian package leaves out, as SciPy's manual allows ("Building redistributable binaries")
 OPTIONAL_TESTS = ("matplotlib", "mpl_toolkits", "numpy", "scipy")
-#: published as source alone; without a compiler they are pure Python, for any platform
+#: packages published as source only; built without a compiler, they are pure Python and fit every platform
 SOURCES = ("cobs",)
 
 
@@ -137,7 +137,7 @@ def _bundle(work: Path, wheels: Path, name: str) -> None:
 
 
 def _debian(work: Path, wheels: Path, platform: str, version: str) -> None:
-    """Install the wheels into an environment for /opt/truerate, add documentation, and make the package of it."""
+    """Install the wheels into an environment for /opt/truerate, add documentation, and build the package."""
     tree = work / "tree"
     environment, share = tree / "opt/truerate", tree / "usr/share"
     there = ("--python", f"{environment}/bin/python", "--python-platform", f"{platform}-manylinux_2_28")

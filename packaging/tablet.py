@@ -12,12 +12,12 @@ from pathlib import Path
 
 from playwright.sync_api import Error, Page, Playwright, expect, sync_playwright
 
-#: longest time for a page to say something: a calibration takes half a minute
+#: longest wait for a text on a page: a calibration takes half a minute
 PATIENCE_MS = 120_000
 
 
 def main(url: str, address: str, authority: str, device: str, nurse: str, chief: str) -> int:
-    """Use the page at a URL, whose host has this address. authority: file with its certificate; then two passwords."""
+    """Use the page at a URL. address: of its host. authority: certificate file. nurse, chief: their passwords."""
     expect.set_options(timeout=PATIENCE_MS)
     with tempfile.TemporaryDirectory() as home, sync_playwright() as playwright:
         stranger = _tablet(playwright, url, address, home)
@@ -27,7 +27,7 @@ def main(url: str, address: str, authority: str, device: str, nurse: str, chief:
         except Error as error:
             said = str(error)
         if "ERR_CERT_AUTHORITY_INVALID" not in said:
-            raise SystemExit(f"a browser that does not trust the authority gets {said}")
+            raise SystemExit(f"without trust in the authority the browser got {said}, not ERR_CERT_AUTHORITY_INVALID")
         _trust(authority, Path(home) / ".pki/nssdb")
         first, second = (_tablet(playwright, url, address, home) for _ in range(2))
         _log_in(first, url, "nurse", nurse)

@@ -1,4 +1,4 @@
 #!/bin/sh
-# The user of the services finds their compiled kernels, also when a person types the command.
+# If the user of the services runs this command, it uses the compiled kernels of the services.
 [ -O /var/cache/truerate ] && export NUMBA_CACHE_DIR="${NUMBA_CACHE_DIR:-/var/cache/truerate}"
 exec /opt/truerate/bin/truerate "$@"

@@ -193,7 +193,7 @@ def build(verb: str = "") -> argparse.ArgumentParser:
     """Return the argument parser. verb: a known verb loads only the verbs of its module; any other loads all verbs."""
     parser: argparse.ArgumentParser = Parser(
         prog="truerate",
-        description="Corrected angular rates, with an honest uncertainty, for every wearable IMU on a ward.",
+        description="Corrected angular rates, each with its standard deviation, for every wearable IMU on a ward.",
         epilog=EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
