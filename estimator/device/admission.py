@@ -140,9 +140,10 @@ class Admission:
         return f"{ELSEWHERE}{bridge if bridge in self._others else 'others'}"
 
     def refused(self, now: float) -> tuple[str, ...]:
-        """Return the ids of the other bridges from which samples of this device were refused lately.
+        """Return the ids of bridges other than the owner whose samples of this device were refused lately.
 
-        now: present time, s of a steady clock. Bridges silent for longer than the owner may be are left out.
+        now: present time, s of a steady clock. Lately: within silence_s + OWNED_S seconds, after which the owner would
+        lose the device, too.
         """
         return tuple(
             bridge for bridge, at in self._others.items() if bridge != self.owner and now - at <= self._owned_s

@@ -53,8 +53,9 @@ class DeviceStarts:
     def begin(self, batch: Samples, now: float) -> Device | None:
         """Create a device from its first batch; None if the roster has no room.
 
-        now: monotonic time, s. The bridge that another estimator or the last run used for the device becomes the owner.
-        A boot that this estimator saved at an orderly stop is resumed.
+        now: monotonic time, s. Only samples of the owner, one bridge, are used. The owner is the bridge that another
+        estimator or the last run used; if there is none, the bridge of this batch. If this estimator was stopped in an
+        orderly way during the same boot of the device, the saved session continues.
         """
         devices, cluster = self._parts.devices, self._parts.cluster
         if not devices.room(now, batch.n):

@@ -35,10 +35,10 @@ class Takeover:
         self._left = deque[tuple[float, Publisher]]()
 
     def look(self, now: float, *, heard: bool) -> None:
-        """Read the other estimators' messages, once a round, and give away the devices they have taken.
+        """Read the other estimators' messages, once a round, and release the devices that they have taken over.
 
-        now: monotonic s. heard: whether samples arrived in this round. Calibrations that former owners made are
-        adopted.
+        now: monotonic time, s. heard: True if samples arrived in this round; while nothing arrives, no other estimator
+        counts as dead. A calibration that the former owner of one of our devices finished late is adopted.
         """
         cluster = self._parts.cluster
         if lost := cluster.look(now, heard=heard):

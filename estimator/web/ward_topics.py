@@ -46,9 +46,9 @@ class RatesTopic(topics.Topic):
     def frames(self, now: float, now_ns: int) -> Iterable[Frame]:  # noqa: ARG002 - of a topic
         """Yield one binary frame with the rates since the last frame.
 
-        Binary frame: float64 server time, s; float32 minimum and maximum of |rate|, °/s, by device number, NaN when
-        silent.
-        now: monotonic time, s. now_ns: ns since the Unix epoch.
+        Layout, little-endian: server time, float64, s since the Unix epoch; then for each device number 0, 1, … a pair
+        of float32: minimum and maximum of the rate's magnitude, °/s, both NaN for a silent device.
+        now: monotonic time, s. now_ns: host time, ns since the Unix epoch.
         """
         numbers = {name: story.number for name, story in self._known.stories.items()}
         for stream in self._streams:
