@@ -9,8 +9,9 @@ equipments", ICRA 2014, after Fong, Ong, Nee 2008. Letters:
     m, b    gyro reading and bias of each movement, (3,) rad/s
     M       gyro matrix (3, 3), no unit: u_after, integrated through M (m - b), must be u_before
 
-Both steps are least squares by Levenberg-Marquardt. The second step assumes an accelerometer without error, weighs all
-movements equally, and uses no full turns. The method `transitions` differs in all three points.
+Both steps are least squares by Levenberg-Marquardt. The second step assumes an accelerometer without error, and weighs
+all movements equally. It does not use that a full turn ends in its start heading. The method `transitions` differs in
+all three points.
 
 Two additions to the source:
 
@@ -53,10 +54,11 @@ _UPPER = ([0, 0, 1], [1, 2, 2])
 def by_accel_aided(capture: Capture) -> Result:
     """Calibration method `accel_aided`: bias (3,) rad/s and full matrix (3, 3) from nine or more poses, with verdict.
 
-    capture: uses the movements between rests with accelerometer readings; the result only reports the turns.
+    capture: the estimate uses its movements, of any angle, which must have accelerometer readings. The angle and
+        closure error of its full turns are only reported.
     Verdict REPEAT without an estimate: fewer than nine distinct poses, or poses that do not determine the matrix.
-    Verdict REPEAT with an estimate: a standard deviation of a matrix element is above 0.02. Verdict REFUSED:
-    implausible scale factors.
+    Verdict REPEAT with an estimate: the standard deviation of a matrix element is above 0.02 (no unit).
+    Verdict REFUSED: a scale factor is outside 0.7 to 1.4.
     """
     movements = capture.movements
     data = collect(movements)

@@ -39,7 +39,8 @@ def calibrated(poses: Floats) -> AccelerometerCalibration:
     poses (n, 4): in each row the variance of the mean reading, m²/s⁴ per axis, then the mean reading (3,), m/s².
     The covariance is (6, 6), flattened, in the order bias, scale.
     Verdict REPEAT: fewer than six poses, or a standard deviation above 0.05 m/s² (bias) or 0.01 (scale).
-    Verdict REFUSED: a bias above 1.5 m/s², a scale more than 0.1 from 1, or residuals more than three times too large.
+    Verdict REFUSED: |bias| of an axis above 1.5 m/s², or a scale more than 0.1 from 1. Also REFUSED: a chi-square of
+    the residuals over its degrees of freedom above 9.
     A result with verdict REPEAT or REFUSED has no estimate.
     """
     told, n = AccelKnobs().shear, len(poses)
@@ -80,8 +81,9 @@ def calibrated(poses: Floats) -> AccelerometerCalibration:
 def in_use(known: AccelerometerCalibration) -> Floats:
     """Pack an accepted accelerometer calibration into one array (9,): bias (3) m/s², scale (3), standard deviation (3) m/s².
 
-    The standard deviation is that of corrected gravity per axis, averaged over all poses. It includes bias, scale and
-    cross-axis sensitivity.
+    known: the accepted calibration.
+    The standard deviation is that of a corrected reading of gravity, per axis, as an rms over all poses. It includes
+    the errors of bias, scale and cross-axis sensitivity.
     """
     var = np.diag(np.reshape(known.covariance, (6, 6)))
     error = var[:3] + G**2 / 3 * (var[3:] + 2 * known.cross_std**2)

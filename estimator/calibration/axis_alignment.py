@@ -1,9 +1,11 @@
 """Check that the gyro's axes match the accelerometer's: gravity propagated by the gyro against measured gravity.
 
-A gyro with mirrored or swapped axes closes a 360-degree turn as well as a correct one. Only gravity during the turn
-differs. The check therefore needs an accelerometer.
-All 48 signed permutations of the axes are tried. Each movement contributes the logarithm of its misfit, so that a
-vigorous movement does not outweigh a calm one. A turn about the vertical carries no information.
+A full turn by a gyro with mirrored or swapped axes also appears to end in its start attitude. Gravity during the turn
+tells the difference. The check therefore needs an accelerometer.
+The misfit of a movement is the mean squared difference between propagated and measured gravity. It is computed for all
+48 signed permutations of the axes.
+The score of a permutation is the sum of the logarithms of its misfits over all movements. The logarithm keeps a
+vigorous movement from outweighing a calm one. A turn about the vertical carries no information.
 """
 
 import itertools
@@ -58,15 +60,15 @@ def foreign_axes(movements: Sequence[tuple[Rest, Samples]], matrix: Floats) -> S
 
 
 def misfit(rest: Rest, samples: Samples, matrix: Floats) -> Floats:
-    """Mean squared difference (48,) of propagated and measured gravity under each axis mapping, in units of gravity squared.
+    """Misfit (48,) of each axis mapping: mean squared difference of propagated and measured gravity, over gravity squared.
 
+    The result has no unit. Its order is that of MAPPINGS, the identity first.
     rest: the rest before the movement.
     samples: gyro (rad/s) and accelerometer (m/s²) readings of the movement.
     matrix (3, 3): gyro matrix, no unit: rate = matrix (reading - bias).
     Raises ValueError without accelerometer readings.
-    An accelerometer offset o (m/s²) does not turn with gravity: measured - C a = (I - C) o. Here a (3,) is the reading
-    at rest, m/s², and C (3, 3) rotates it into the present sensor axes. Each mapping gets the offset under which it
-    fits best.
+    Each mapping is fitted with its own constant accelerometer offset o (3,), m/s². The model is measured = C a + (I -
+    C) o. Here a (3,) is the reading at rest, m/s², and C (3, 3) rotates it into the present sensor axes.
     """
     if rest.accel is None or samples.accel is None:
         raise ValueError("without an accelerometer gravity cannot be measured")

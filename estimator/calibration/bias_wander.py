@@ -3,11 +3,12 @@
 A wandering bias is the sum of a random walk and flicker noise (IEEE Std 952-1997, Annex B). Letters:
 
     N, B    rate random walk, rad/s/√s; bias instability, rad/s: one-sided density B²/(pi f), f in Hz
-    h       generalised covariance, (rad/s)², of the bias at two times tau (s) apart, up to a constant:
-            -N² tau/2 - B²/pi ln tau
-    H       second antiderivative of h in tau: the mean of h over two stretches is four values of H
-    W       (n, n), (rad/s)²: covariance of the mean biases of n stretches, each less that of the reference
-            stretch, so that the constant cancels
+    h       generalised covariance of the bias, (rad/s)², at two times that are tau (s) apart:
+            h(tau) = -N² tau/2 - B²/pi ln tau; a constant may be added to h without effect on W
+    H       function whose second derivative in tau is h. The covariance of the mean biases of two stretches,
+            the mean of h over both, is the sum of four signed values of H over the product of the lengths (s)
+    W       (n, n), (rad/s)²: covariance of the mean biases of n stretches, after subtracting the mean bias of
+            the reference stretch
     D       (n, n), (rad/s)²: the same for a steady drift, as of a device that warms up
 """
 
@@ -42,9 +43,10 @@ class WanderKnobs:
 def wander_cov(stretches: Sequence[Plateau], reference: int, rests: Sequence[Plateau], knobs: WanderKnobs) -> Floats:
     """Covariance (n, n), (rad/s)², of one axis's wandering bias in n stretches, relative to the reference stretch.
 
-    Entry i is the mean bias of stretch i less that of stretch number `reference`.
-    rests: their mean readings determine the size of the wander, by restricted maximum likelihood; fewer than three
-        rests leave the prior size.
+    stretches: n stretches of constant rate. Row i of the result refers to the mean bias of stretch i minus that of
+        stretch number `reference`.
+    rests: stretches without rotation. Their mean readings give a scale for the prior size of the wander, by restricted
+        maximum likelihood. With fewer than three rests the prior size is used.
     knobs: prior size of the wander, and the warm-up drift that is added.
     """
     return _shown_size(rests, knobs) ** 2 * _wander(stretches, reference, knobs) + _drift(stretches, reference, knobs)

@@ -22,7 +22,8 @@ class Samples:
     time (n,): device time, s.
     gyro (n, 3): rad/s as read, uncorrected.
     accel (n, 3): m/s², or None without an accelerometer.
-    clipped (n,): True where the bridge found a reading at the end of the range.
+    clipped (n,): True where the bridge, the program that reads the device, marked a reading as clipped: at the limit of
+        the full-scale range.
     """
 
     time: Floats
@@ -89,7 +90,7 @@ class Rest:
 class TurnCapture:
     """Full turn about device axis 0, 1 or 2 (x, y, z), with the rests before and after it.
 
-    samples: from inside the rest before to inside the rest after.
+    samples: the turn, with the last part of the rest before it and the first part of the rest after it.
     """
 
     axis: int
@@ -99,9 +100,9 @@ class TurnCapture:
 
     @property
     def checked_by_gravity(self) -> bool:
-        """True if gravity before and after the turn can prove a full turn.
+        """True if gravity before and after the turn can show whether the turn was a full turn.
 
-        The axis of the turn must then be less than 45° from the horizon. False without an accelerometer.
+        The axis of the turn must then be less than 45° from the horizontal plane. False without an accelerometer.
         """
         up = self.before.accel
         return (

@@ -1,13 +1,13 @@
-"""Detection of gyro readings clipped at the end of a known or unknown full-scale range.
+"""Detection of clipped gyro readings: readings at the limit of a known or unknown full-scale range.
 
 Known range: readings from 99 % of the range are clipped. A reading above 102 % shows that the device uses another
 range, which is then unknown.
-Unknown range: the largest reading of a movement repeats if it is clipped. A hand passes its fastest moment only once.
-The test compares counts in rounding steps of the gyro. A smooth movement spends 1.45 times as long in the five steps
-below its highest step as in the highest step itself.
-Processing after the clipping, by a matrix or a filter, blurs the end of the range. The test is then repeated with a
-step of a thousandth of the largest reading. It also demands that these readings scatter less than the gyro does at
-rest.
+Unknown range: if a movement is clipped, its largest reading occurs many times. An unclipped turn by hand is at its
+largest rate only briefly.
+The test compares the number of samples at the largest reading with the number in the five rounding steps below it. In a
+smooth movement without clipping, those five steps hold 1.45 times as many samples.
+A filter or a matrix after the clipping blurs the limit. The test is then repeated with a step of a thousandth of the
+largest reading. It also demands that these readings scatter less than half as much as the gyro does at rest.
 """
 
 from math import inf
@@ -31,18 +31,20 @@ _BLUR, _QUIETER = 1e-3, 0.5
 
 
 def clipped(samples: Samples, noise_std: Floats, gyro_range: float) -> Flags:
-    """Flags (n,) of the clipped samples of one movement: True where a reading is at the end of the range.
+    """Flags (n,) of the clipped samples of one movement: True where a reading is at the limit of the full-scale range.
 
-    A sample counts as clipped by the bridge's flag, by the known range, or by repetition of the largest reading.
+    samples: the movement, with a flag `clipped` of each sample from the bridge.
     noise_std (3,): standard deviation of one gyro reading at rest, rad/s.
     gyro_range: full-scale range, rad/s; infinite when unknown.
+    A sample is clipped if its flag is set, or if a reading is at the known range. Only where neither finds one, samples
+    count as clipped whose largest reading occurs many times (see the module).
     """
     known = at_range(samples, gyro_range)
     return known if known.any() else _repeated(samples.gyro, noise_std)
 
 
 def at_range(samples: Samples, gyro_range: float) -> Flags:
-    """Flags (n,) of clipped samples by the bridge's flag or the known range; True means clipped.
+    """Flags (n,) of clipped samples, from the flags in `samples` and the known full-scale range; True means clipped.
 
     gyro_range: full-scale range, rad/s; infinite when unknown.
     """

@@ -1,9 +1,9 @@
 """Default calibration method: the bias and scale factors under which every turn ends in its start attitude.
 
-All rests measure the bias. Each turn must close on SO(3), whatever path the hand took. An accelerometer, where present,
-measures the tilt after a turn.
-The error model has noise, a moving bias, rounding, re-placement by the hand, and axis misalignment. The sizes of the
-last two are estimated from the session: see replacement_error and misalignment.
+All rests measure the bias. Whatever path the hand took, the integrated rotation of each turn must lead back to the
+start attitude. An accelerometer, where present, measures how far the end of a turn is tilted from its start.
+The error model has noise, a moving bias, rounding, the hand's error in putting the device back, and axis misalignment.
+The sizes of the last two are estimated from the session: see replacement_error and misalignment.
 The equations are in closure_fit.
 """
 
@@ -26,11 +26,15 @@ from estimator.geometry.gyro_model import Floats, reading_std
 
 @dataclass(frozen=True, slots=True)
 class ClosureKnobs:
-    """Assumed error sizes of a session apart from noise, as standard deviations; None means estimated from the session.
+    """Settings of the closure method: assumed standard deviations of errors, and limits.
 
-    replacement: rad per axis. misalignment_std: relative (rad). tilt_share: relative to the tilt.
-    rate_random_walk: rad/s/√s. coning_below_hz: sample rate in Hz below which the coning correction is applied.
-    honest_p: probability below which the scatter of the rests counts as a faster-moving bias.
+    replacement: attitude error of a hand that puts the device back, rad per axis. misalignment_std: of each
+        off-diagonal element of the gyro matrix, rad. For both, None means estimated from the session.
+    tilt_share: error of a tilt measured by the accelerometer, as a fraction of the tilt.
+    rate_random_walk: of the bias, rad/s/√s.
+    coning_below_hz: sample rate in Hz below which the coning correction is applied.
+    honest_p: significance level of a chi-square test of the rests. If the chi-square is less probable than this, the
+        variances of the rests and of the bias walk are enlarged.
     """
 
     #: rad per axis, between the start and the end of a turn by hand, and of a tilt measured by gravity
@@ -53,10 +57,10 @@ class Closure:
 
     covariance (6, 6): in the order bias (rad/s), k (no unit).
     turn_bias (3, 3): most likely bias during each turn, rad/s, one row per turn.
-    residual (3, 3): closure error of each turn, rad, as a rotation vector in the frame of the turn's start, after
-        removing a measured tilt.
-    replacement, misalignment_std: error sizes, estimated or from the knobs.
-    chi2, dof: sum of all squared residuals over their covariance, and its degrees of freedom.
+    residual (3, 3): closure error of each turn, rad, as a rotation vector in the frame of the turn's start. A tilt
+        measured by the accelerometer is subtracted.
+    replacement, misalignment_std: the error sizes used, in rad, estimated or from the settings (ClosureKnobs).
+    chi2, dof: chi-square of all residuals, and its degrees of freedom.
     """
 
     k: Floats
@@ -75,7 +79,7 @@ def estimate(capture: Capture, knobs: ClosureKnobs | None = None) -> Closure:
     """Estimate bias (rad/s) and scale factors from one session's rests and its three turns, by maximum likelihood.
 
     knobs: assumed error sizes; a size that is None is estimated from the session.
-    Raises NotConverged when no bias and scale factors close the turns.
+    Raises NotConverged when the fit does not converge, or when a scale factor is above 100.
     """
     knobs = knobs or ClosureKnobs()
     rests = capture.rests or (capture.rest,)
@@ -126,9 +130,9 @@ def _with_scatter(told: Evidence, found: Fit, honest_p: float) -> Evidence:
 
 
 def evidence(capture: Capture, knobs: ClosureKnobs, ends: tuple[End, ...], placed: Replacement) -> Evidence:
-    """Stack the rests and three turns of one session into the arrays of the fit (Evidence with s = 1).
+    """Stack the rests and three turns of one session into the input arrays of the fit (Evidence for s = 1 session).
 
-    knobs: assumed error sizes. placed: assumed re-placement error, rad.
+    knobs: assumed error sizes. placed: assumed error of the hand in putting the device back, rad.
     ends: measured or assumed end attitude of each turn.
     The fitted bias is the bias at the middle of the last rest.
     """

@@ -51,7 +51,8 @@ class Evidence:
         of the error that all rests share.
     shared (s, 2, 3, r): seconds of each turn's first and second half that belong to each rest, over the sample count of
         that rest.
-    walk (s, r + 3, r + 3): covariance of the bias change at rests and turns.
+    walk (s, r + 3, r + 3): covariance, (rad/s)² per axis, of the bias change from the reference time to each rest and
+        turn.
     end (s, 3, 3, 3), end_cov (s, 3, 3, 3): end attitudes, and their covariance in the frame of the start.
     coning: True to apply the coning correction.
     """
@@ -81,11 +82,12 @@ class Fit:
     """Maximum-likelihood fit of s sessions: bias b (s, 3) rad/s, and scale factors k (s, 3) without unit.
 
     covariance (s, 6, 6): of b and k, in this order.
-    gain (s, 6, 3r + 9): change of b and k per unit of each residual of the r rests (rad/s) and 3 turns (rad).
+    gain (s, 6, 3r + 9): derivatives of b and k by each residual: of the r rests (rad/s), then of the 3 turns (rad).
     turn_b (s, 3, 3): most likely bias during each turn, rad/s.
-    f (s, 3, 3): residuals of the turns at `turn_b`, rad.
-    f_turn (s, 3, 3), f_cov (s, 3, 3, 3): residuals of the turns at b, rad, and their covariance, rad².
-    rest_misfit (s,), chi2 (s,): squared residuals at b over their covariance, of the rests and of all together.
+    f (s, 3, 3): residuals of the turns, rad, computed with the bias `turn_b`.
+    f_turn (s, 3, 3), f_cov (s, 3, 3, 3): residuals of the turns, rad, computed with the bias `b`, and their covariance,
+        rad².
+    rest_misfit (s,), chi2 (s,): chi-square of the rests, and of rests and turns together, computed with the bias `b`.
     converged (s,): True where the iteration converged.
     """
 
@@ -174,12 +176,13 @@ def start(evidence: Evidence) -> Floats:
 def linearise(evidence: Evidence, theta: Floats) -> tuple[Floats, Floats, Floats, Floats]:
     """Linearise the residuals of s sessions at theta (s, 6): bias (3) rad/s, then scale factors (3).
 
-    Returns four arrays; rests come first, then turns:
+    Returns four arrays; r rests come first, then 3 turns:
 
         f  (s, 3r + 9)           residuals: rests in rad/s, turns in rad
         F  (s, 3r + 9, 6)        derivatives of f by theta
         S  (s, 3r + 9, 3r + 9)   covariance of f
-        (s, 9, 6)                derivatives of the turns' residuals by the six off-diagonal elements of E, rad
+        (s, 9, 6)                derivatives of the turns' residuals, rad, by the axis misalignment, rad:
+                                 the six off-diagonal elements of E, by rows
     """
     b, k = theta[:, :3], theta[:, 3:]
     s, r = evidence.rest.shape[:2]

@@ -1,4 +1,4 @@
-"""Detection of plateaus in a recording on a turntable or a servo: stretches of constant rate, and the rests between them."""
+"""Detection of plateaus, stretches of constant rate, in a recording on a turntable or a servo; rests are plateaus too."""
 
 from dataclasses import dataclass
 from math import radians
@@ -40,7 +40,7 @@ class Plateau:
 def plateaus(samples: Samples) -> list[Plateau]:
     """Find all stretches of constant rate of at least 1 s in a recording, in the order of time; empty when there are none.
 
-    The method compares windows of 0.2 s by mean and scatter. The first and last window of a plateau are cut off,
+    The method compares windows of 0.2 s by mean and scatter. The first and last window of a plateau are left out,
     because they may contain a ramp.
     """
     step = max(round(_WINDOW_S / float(np.median(np.diff(samples.time)))), 4)
@@ -89,9 +89,11 @@ def _stuck(gyro: Floats, of: Floats) -> bool:
 def split(found: list[Plateau], rates: tuple[float, ...]) -> tuple[list[Plateau], list[Plateau], list[Plateau]]:
     """Split plateaus into three lists: rests, turns, and others.
 
-    rates: known rates of the machine, rad/s.
-    Others are clipped, or too fast for a rest and too slow for a turn. The bias may have any size. The split takes it
-    from the median reading, since about any one axis most stretches do not rotate.
+    found: all plateaus of a recording. rates: known rates of the machine, rad/s.
+    Rests are slower than 30 % of the lowest known rate, and slower than 1 °/s. Turns are faster than half of the lowest
+    known rate, and not clipped. All remaining plateaus are others.
+    The rates are taken relative to the median reading of each axis, which stands for the bias. This works for a bias of
+    any size, because most plateaus do not rotate about any one axis.
     """
     if not found:
         return [], [], []

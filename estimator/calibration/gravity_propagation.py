@@ -12,9 +12,9 @@ Source: the principle is Fong, Ong, Nee, Meas. Sci. Technol. 19 (2008) 085202, a
     e_j     rotation vector, rad, across u_before, from u_before to R_j u_after: two residuals per movement
     r, J, C residuals, their derivatives by theta, and their covariance
 
-C has gyro noise, accelerometer noise, and lower limits of both errors. Neighbouring movements share the accelerometer
-error of the rest between them, so C is not diagonal. A full turn must also end in its start heading: one more residual,
-rad.
+C contains the noise of gyro and accelerometer, and further errors that averaging does not reduce (TransitionKnobs).
+Neighbouring movements share the accelerometer error of the rest between them, so C is not diagonal. A full turn must
+also end in its start heading: one more residual, rad.
 """
 
 from collections.abc import Sequence
@@ -40,9 +40,18 @@ ROW, COLUMN = np.array([*((i, i) for i in range(3)), *_OFF_DIAGONAL]).T
 
 @dataclass(frozen=True, slots=True)
 class TransitionKnobs:
-    """Assumed error sizes of each measurement, and priors, as standard deviations.
+    """Settings of the method `transitions`: standard deviations of assumed errors and of priors, and two limits.
 
-    Angles are in rad, accelerations in m/s², rates in rad/s. Matrix elements and shares have no unit.
+    accel_floor: error of a rest's mean acceleration that averaging does not reduce, m/s².
+    path_floor, path_share, coning_share: error of a movement's rotation. Constant, rad; per rad turned; and per rad of
+        coning.
+    bias_floor: difference between the bias in a movement and in the rests beside it, rad/s.
+    heading_std: heading error at the end of a full turn by hand, rad.
+    scale, misalignment: priors of the matrix's diagonal about 1 (no unit) and of its off-diagonal elements about 0
+        (rad).
+    accel: prior of the accelerometer's errors.
+    short: total angle, rad, below which a movement is used in the first fit.
+    element_std: off-diagonal elements are used only if each has a standard deviation below this, rad.
     """
 
     #: m/s², error of a rest's mean acceleration that averaging does not remove: a swaying hand, accelerometer
@@ -71,9 +80,10 @@ class TransitionKnobs:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Transitions:
-    """Rests of a session, each once, and the m movements between them.
+    """Data of gravity propagation: the n rests of a session, without repetition, and the m movements between them.
 
-    links (m pairs): numbers of the rests before and after each movement.
+    rests (n): in the order of time.
+    links (m pairs): indices in `rests` of the rests before and after each movement.
     samples (m): readings of each movement.
     turns (m): True where the movement was a full turn.
     """
@@ -84,7 +94,7 @@ class Transitions:
     turns: tuple[bool, ...]
 
     def only(self, chosen: Sequence[int]) -> "Transitions":
-        """Select the movements with the given numbers, and the rests before and after them, renumbered."""
+        """Select the movements with the indices `chosen`, and the rests before and after them; rests are numbered anew."""
         kept = sorted({rest for j in chosen for rest in self.links[j]})
         number = {rest: i for i, rest in enumerate(kept)}
         return Transitions(
@@ -122,7 +132,7 @@ def collect(movements: Sequence[Movement]) -> Transitions:
 
 
 class Problem:
-    """Least-squares problem of gravity propagation: residuals of theta (21,) with their derivatives and covariance.
+    """Least-squares problem of gravity propagation: residuals as functions of theta (21,), derivatives, and covariance.
 
     theta: gyro bias (3) rad/s, gyro matrix (9) without unit, accelerometer bias (3) m/s², scale (3) and shear (3)
         relative.
@@ -165,10 +175,12 @@ class Problem:
         return theta
 
     def whitened(self, theta: Floats, factor: Floats | None = None) -> tuple[Floats, Floats, Floats]:
-        """Whitened residuals (n,) and derivatives (n, 21) at theta, with the Cholesky factor of C.
+        """Whitened residuals (n,) and their derivatives (n, 21) at theta, with the Cholesky factor that whitens them.
 
-        Residuals are in standard deviations. They include the biases at rest and the priors.
-        factor: Cholesky factor to use; by default that of C at theta.
+        theta (21,): parameters, in the order and units of the class.
+        Residuals are in standard deviations. They come from gravity and heading, then from the readings at rest and the
+        priors.
+        factor: Cholesky factor of the covariance of the gravity and heading residuals; by default that at theta.
         """
         r, J, noise, parts = self._gravity(theta)
         lower = np.asarray(np.linalg.cholesky(self.unit * (noise + parts.sum(axis=0)))) if factor is None else factor
@@ -177,8 +189,10 @@ class Problem:
         return np.concatenate([both[:, 0], r]), np.vstack([both[:, 1:], J]), lower
 
     def factors(self, theta: Floats) -> Floats:
-        """Estimate error variances (3,) relative to the assumed ones: of accelerometer, path and heading; no unit.
+        """Estimate three error variances, (3,), each divided by its assumed value; no unit.
 
+        Order: error of a rest's mean acceleration, error of a movement's rotation, heading error after a full turn.
+        theta (21,): parameters, in the order and units of the class.
         Method: restricted likelihood, see variance_components.
         """
         r, J, noise, parts = self._gravity(theta)
@@ -188,8 +202,9 @@ class Problem:
         )
 
     def spread(self, theta: Floats, factors: Floats) -> Floats:
-        """Covariance (21, 21) of theta, in the units of theta, for given error sizes.
+        """Covariance (21, 21) of theta, in squares of the units of theta, for given error sizes.
 
+        theta (21,): parameters, in the order and units of the class.
         factors (3,): error variances relative to the assumed ones, result of `factors`.
         """
         _, J, noise, parts = self._gravity(theta)
@@ -203,7 +218,10 @@ class Problem:
         return np.asarray(covariance)
 
     def misses(self, theta: Floats) -> tuple[Floats, Floats]:
-        """Angle (m,), rad, between propagated and measured gravity of each movement, and the same in standard deviations (m,)."""
+        """Angle (m,), rad, between propagated and measured gravity of each movement, and the same in standard deviations (m,).
+
+        theta (21,): parameters, in the order and units of the class.
+        """
         r, _, noise, parts = self._gravity(theta)
         C = noise + parts.sum(axis=0)
         m = len(self.data.links)
@@ -221,7 +239,7 @@ class Problem:
         return np.asarray(noise + factors[0] * self.knobs.accel_floor**2)
 
     def path_cov(self, path: Path, factors: Floats) -> Floats:
-        """Covariance (3, 3), rad², of the end attitude of a path, as a small rotation in the frame of its start.
+        """Covariance (3, 3), rad², of the end attitude of a movement's path, as a small rotation in the frame of its start.
 
         factors (3,): relative error variances, result of `factors`.
         """

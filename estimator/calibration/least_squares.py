@@ -28,7 +28,8 @@ class Solved:
     """One Gauss-Newton step (p,), its size in standard deviations, and the covariance (p, p) of the parameters.
 
     residual (n,): residuals after the step. left (n, n): their covariance.
-    cost: -2 log of the restricted likelihood of C, up to a constant.
+    cost: -2 log of the restricted likelihood, up to a constant. It serves to compare assumed covariances of the
+        residuals.
     Units are those of the caller's parameters and residuals.
     """
 
@@ -40,10 +41,10 @@ class Solved:
     cost: float
 
     def misfit(self, rows: slice | NDArray[np.bool_] = slice(None)) -> float:
-        """Chi-square over degrees of freedom of selected residuals, no unit; 1 where chance explains them.
+        """Reduced chi-square of selected residuals (chi-square over degrees of freedom), no unit, for scaling a covariance.
 
         rows: selects the residuals; by default all.
-        Chance explains residuals whose probability is above 0.01.
+        Returns 1 where the chi-square is within its 99 % range.
         """
         value, vector = np.linalg.eigh(self.left[rows][:, rows])
         free = value > _ZERO * value[-1]

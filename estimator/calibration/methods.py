@@ -1,4 +1,8 @@
-"""Calibration methods by name: METHODS for captures by hand, BY_RATES for recordings on machines; each returns a Result."""
+"""Calibration methods by name: METHODS for captures by hand, BY_RATES for recordings on machines with known rates.
+
+Each method is a function that returns a Result. A BY_RATES method takes samples, the machine's rates (rad/s), and the
+prior bias wander.
+"""
 
 from collections.abc import Callable
 from math import radians

@@ -1,4 +1,4 @@
-"""Selection of movements through which gravity can be propagated, and the gyro's bias in each of them."""
+"""Selection of the movements that can be used to propagate gravity by the gyro, and the gyro's bias in each of them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -20,10 +20,9 @@ STALE_S = 600.0
 
 
 class Movements:
-    """Bounded collection of the latest movements between rests, as input of a calibration by movements.
+    """Collection of the latest movements between rests, at most 64, as input of a calibration by movements.
 
     gyro_range: full-scale range, rad/s; infinite when unknown.
-    Turn recognition gives the limits for gaps between samples and for bias steps.
     """
 
     def __init__(self, gyro_range: float) -> None:
@@ -32,11 +31,11 @@ class Movements:
         self.kept: list[Movement] = []
 
     def add(self, movement: Movement, *, full_turn: bool) -> bool:
-        """Keep a movement if gravity can be propagated through it; return True if it was kept.
+        """Keep a movement if the gyro can propagate gravity through it; return True if it was kept.
 
-        full_turn: True if the movement is known to have ended where it began.
-        Propagation needs accelerometer readings at both rests and the same bias at both. It accepts no clipped or
-        missing samples, at most 30 s, and at most 1.5 turns.
+        full_turn: True if the movement is known to have ended in its start attitude.
+        A kept movement has accelerometer readings and the same bias (within noise and 0.2 °/s) at both rests. It has no
+        clipped or missing samples. It lasts at most 30 s, and turns at most 540° in total.
         Earlier movements are dropped when they are 600 s older than the new one, or have another bias.
         """
         if movement.before.accel is None or movement.after.accel is None or not self._whole(movement):

@@ -1,13 +1,13 @@
-"""Re-placement error: attitude difference between start and end of a turn put back by hand, estimated from the session.
+"""Re-placement error: attitude difference between start and end of a turn when a hand puts the device back.
 
-Three turns give nine closure errors, three of which the scale factors absorb. An accelerometer measures the tilts too.
-The estimate is the variance s² (rad², per axis) for which
+It is estimated from the session. Three turns give nine closure errors, three of which the scale factors absorb. An
+accelerometer measures the tilts too. The estimate is the variance s², rad² per axis, that solves
 
     sum of x' (V + s² I)^-1 x = degrees of freedom - 2
 
-where x (rad) are the errors and V (rad²) is the known part of their covariance. The subtraction of 2 follows Student's
-t, whose variance is dof / (dof - 2) times that of a normal distribution. The covariance of the calibration then has the
-true spread.
+Here x (rad) are the errors. V (rad²) is the part of their covariance from all other errors.
+The subtraction of 2 follows Student's t, whose variance is dof / (dof - 2) times that of a normal distribution. The
+covariance of the calibration then has the true spread.
 """
 
 from collections.abc import Sequence
@@ -46,7 +46,8 @@ class End:
 
     up (3,): unit vector of the vertical in that frame, or None without an accelerometer.
     tilt (3,): measured tilt as a rotation vector, rad.
-    tilt_var: known part of its variance, rad² per axis.
+    tilt_var: variance of the measured tilt from accelerometer noise and errors, rad² per axis, without the re-placement
+        error.
     """
 
     attitude: Floats
@@ -57,7 +58,7 @@ class End:
     def covariance(self, of: Replacement) -> Floats:
         """Covariance (3, 3), rad², of the end attitude's error, in the frame of the turn's start.
 
-        of: size of the re-placement error, rad.
+        of: standard deviations of the re-placement error, rad per axis.
         """
         if self.up is None:
             return of.std**2 * np.eye(3)

@@ -25,7 +25,7 @@ SCALE_STD = 0.02
 
 
 class NotConverged(Exception):
-    """Raised when no bias and scale factors close the three turns; `reason` is the text for users."""
+    """Raised when the fit of bias and scale factors to three turns does not converge; `reason` is the text for users."""
 
     def __init__(self, reason: Sentence) -> None:
         super().__init__(reason)
@@ -36,13 +36,14 @@ class NotConverged(Exception):
 class Result:
     """Outcome of a calibration, with corrected rate = matrix (reading - bias) in rad/s.
 
+    method, verdict, reason: name of the method, its verdict, and the reason as text for users.
     matrix (3, 3), no unit; bias (3,) rad/s; both in sensor axes.
     covariance (p, p): of `parameters`, bias in rad/s and matrix elements without unit.
     noise_std (3,): standard deviation of one reading, rad/s.
+    turns: angle, closure error and duration of each turn. repeat: axes (0 to 2) of the turns to repeat.
     bias_time: device time to which the bias refers, s.
-    repeat: axes (0 to 2) of the turns to repeat.
-    accelerometer: calibration from the rests of the same recording. None without an accelerometer, and None live, where
-        the rests of the whole boot calibrate it.
+    accelerometer: calibration of the accelerometer from the rests of the same recording. None without an accelerometer,
+        and None for a live session.
     The first six parameters are always the bias and the diagonal of the matrix. A full matrix adds its off-diagonal
     elements.
     A result without an estimate has the identity as matrix and an infinite covariance.
@@ -68,9 +69,9 @@ class Result:
 
     @property
     def information_bits(self) -> Floats:
-        """Information (p,) gained on each parameter, bits: how often its prior standard deviation was halved.
+        """Information (p,) gained on each parameter, bits: log2 of the ratio of its standard deviations before and after.
 
-        PriorKnobs gives the prior.
+        PriorKnobs gives the standard deviations before the calibration.
         """
         prior = PriorKnobs()
         of = {"bias": prior.bias_std, "k": prior.scale_std, "m": prior.misalignment_std}

@@ -59,8 +59,10 @@ def by_servomotor(samples: Samples, rates: tuple[float, ...], wander: WanderKnob
 
     rates: the servo's one rate, rad/s, used in either direction.
     wander: prior of the device's bias wander; by default that of the generic model.
-    Verdict REFUSED for any other number of rates, for implausible scale factors, or for a large misfit.
-    Verdict REPEAT without a rest, with fewer than three suitable mountings, or for uncertain scale factors.
+    Verdict REFUSED: `rates` has more or less than one element, or a scale factor is outside 0.7 to 1.4. Also REFUSED:
+    the chi-square of the turns' residuals over degrees of freedom is above 9.
+    Verdict REPEAT: there is no rest, fewer than three suitable mountings, or a scale factor with a relative standard
+    deviation of 0.02 or more.
     """
     wander = wander or WanderKnobs()
     if len(rates) != 1:

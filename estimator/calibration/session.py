@@ -31,13 +31,13 @@ PAUSE_S = 0.8
 class CalibrationSession:
     """Live calibration by hand: collects rests and turns, in any order of axes, until each axis has a full turn.
 
-    A method by movements is also tried after movements that are no full turn. It finishes as soon as they determine a
-    full matrix.
+    Methods `transitions` and `accel_aided` also use movements that are no full turns. A session with one of these ends
+    as soon as the movements determine a full matrix.
     method: a key of METHODS.
     gyro_range: full-scale range, rad/s; infinite when unknown.
-    horizontal: True to accept only turns about a horizontal axis, where an accelerometer shows the horizon.
+    horizontal: True to accept only turns about a horizontal axis; without an accelerometer it has no effect.
     scale_limit: largest plausible relative difference of a scale factor from 1, see `unlikely`.
-    whole: True to run the method only in `unfinished`, at the end of a recording.
+    whole: True to compute no result during the recording, but only by `unfinished` at its end.
     """
 
     def __init__(
@@ -127,10 +127,10 @@ class CalibrationSession:
         return tuple(self._movements.kept)
 
     def unfinished(self) -> Result:
-        """Build the result at the end of the input, where the session did not finish.
+        """Build the result at the end of the input, where the session has not reported a result.
 
-        A method by movements is fitted to the movements so far. Any other method gives REPEAT, with the missing turns
-        and the latest reason.
+        Methods `transitions` and `accel_aided` are fitted to the movements so far. Any other method gives verdict
+        REPEAT, with the missing turns and the latest reason.
         """
         if self._by_movements:
             return self._checked(self._capture()) if self.movements else self._without_movements()

@@ -45,9 +45,9 @@ class Ignored:
 
 @dataclass(frozen=True, slots=True)
 class Finished:
-    """Event: the method ran on three turns, or on enough movements for a full matrix; `rest` is the latest rest.
+    """Event: the calibration method ran, on three turns or on enough movements for a full matrix.
 
-    The verdict of `result` may also be REPEAT or REFUSED.
+    result: its outcome, whose verdict may also be REPEAT or REFUSED. rest: the latest rest.
     """
 
     result: Result

@@ -46,11 +46,12 @@ class Settled:
 
 
 class Stages:
-    """Finder of the rests of a session and the movements between them: windows in, one Settled event per rest out.
+    """Finder of the rests of a session and the movements between them: takes windows, returns one Settled event per rest.
 
-    history: buffer that holds the stream since the current rest began, or the latest part of it.
+    history: buffer of the latest samples. It must hold the current rest, of which the last 30 s are used, and the
+        movement before the rest.
     still_s: seconds for which the device has been still; 0 while it moves.
-    not_gravity: accelerometer magnitude in the latest rest, m/s², if implausible as gravity; else 0.
+    not_gravity: accelerometer magnitude in the latest rest, m/s², if outside 7 to 13 m/s²; else 0.
     """
 
     def __init__(self, history: History) -> None:

@@ -45,8 +45,9 @@ class Fit:
 
     Units of theta: bias rad/s, matrix no unit, accelerometer bias m/s², scale and shear relative (rad).
     covariance (21, 21): of theta, with error sizes estimated from the residuals.
-    misfit: chi-square of gravity and heading over degrees of freedom, for the assumed error sizes.
-    condition: condition number of the data's information on M.
+    misfit: chi-square of the gravity and heading residuals over degrees of freedom, with the assumed error sizes.
+    condition: condition number of the whitened residuals' derivatives by the matrix elements, after removing the effect
+        of all other parameters.
     angles (m,): angle between propagated and measured gravity of each movement, rad.
     ratio (m,): the same in standard deviations.
     full: True if the off-diagonal elements are used.
@@ -145,8 +146,8 @@ def judge_fit(capture: Capture, data: Transitions, found: Fit) -> Result:
 
     data: the rests and movements that were fitted.
     The result reports the capture's turns, but does not judge them.
-    Verdict REPEAT: a scale factor is uncertain by 2 % or more. REFUSED: wrong axes, implausible scale factors, or a
-    misfit above 4.
+    Verdict REPEAT: a scale factor has a relative standard deviation of 2 % or more. REFUSED: wrong axes, a scale factor
+    outside 0.7 to 1.4, or `found.misfit` above 4.
     """
     matrix, bias, parameters = found.matrix, found.theta[:3], MATRIX_PARAMETERS if found.full else PARAMETERS
     covariance = found.covariance[: len(parameters), : len(parameters)]

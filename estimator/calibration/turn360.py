@@ -74,9 +74,10 @@ def estimate(capture: Capture) -> Turn360:
 
 
 def turn_integral(turn: TurnCapture, K: Floats, b: Floats) -> Floats:
-    """Integral S (3, 3) = T A diag(K), rad, of equations (6-10) for one turn.
+    """Integral S (3, 3), rad, of C_t diag(g_t) dt over one turn, with attitude C_t and rate g_t = K (m_t + b), rad/s.
 
-    If all rates are multiplied by factors dK (3,), the turn has the angle |S dK|, for fixed attitudes.
+    In the letters of equations (6-10), S = T A diag(K). If all rates are multiplied by factors dK (3,), the turn has
+    the angle |S dK|, for fixed attitudes.
     K (3,): scale factors. b (3,): the paper's b, minus the bias, rad/s.
     """
     dt = rotation.intervals(turn.samples.time)

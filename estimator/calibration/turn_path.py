@@ -23,8 +23,8 @@ class Path:
     by_bias (3, 3): phi per rad/s of bias, s.
     noise (3, 3): covariance of phi from the white noise of the readings, rad².
     way: total angle turned, in both directions, rad. seconds: duration, s.
-    coning: movement of the rotation axis within the sample intervals, summed without sign, rad. A part of it is the
-        error from unknown motion between samples.
+    coning: sum of the magnitudes of the coning corrections of all sample intervals, rad. It measures how much the
+        rotation axis moves between samples, and so the size of the integration error.
     """
 
     end: Floats

@@ -46,7 +46,8 @@ def by_turntable(samples: Samples, rates: tuple[float, ...], wander: WanderKnobs
     rates: known rates, rad/s, each used in both directions.
     wander: prior of the device's bias wander; by default that of the generic model.
     Verdict REPEAT: an axis was not turned in both directions.
-    Verdict REFUSED: a given rate is not found, scale factors are implausible, or the misfit is above 4.
+    Verdict REFUSED: a given rate is not found, a scale factor is outside 0.7 to 1.4, or the residuals' chi-square over
+    degrees of freedom is above 4.
     """
     wander = wander or WanderKnobs()
     rests, turned, others = split(plateaus(samples), rates)

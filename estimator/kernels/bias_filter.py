@@ -12,7 +12,9 @@ from estimator.kernels.compiled import Floats, compiled
 def innovation(z: Floats, H: Floats, R: Floats, x: Floats, P: Floats, y: Floats, S: Floats) -> bool:
     """Write the innovation y = z - H x (m,) and its covariance S = H P H' + R (m, m), in the units of z.
 
-    Returns True if all elements are finite and each element of z has noise.
+    z (m,), H (m, n), R (m, m): measurement, its derivatives by the state, and its covariance.
+    x (n,), P (n, n): state and its covariance. y, S: written.
+    Returns True if y and S are finite and each element of z has a variance above 0.
     """
     (m, n), sound = H.shape, True
     seen = np.zeros((m, n))
@@ -55,9 +57,10 @@ def whitened(y: Floats, S: Floats) -> tuple[Floats, Floats]:
 
 
 def given(first: int, L: Floats, a: Floats, y: Floats, S: Floats) -> None:
-    """Replace the innovation y (m,) and its covariance S (m, m) in place by their values conditional on the first elements.
+    """Condition an innovation on its first elements: change y (m,) and S (m, m) in place to the conditional values.
 
-    first: number of these elements. Their covariance with the others becomes 0.
+    first: number of the elements that are given. The other elements of y become their innovations after an update with
+        the first ones. The covariance S of the first with the other elements becomes 0.
     L (m, m), a (m,): result of `whitened`. Units stay those of z.
     """
     for i in range(first, len(y)):
@@ -120,8 +123,10 @@ def inverse(S: Floats) -> Floats:
 def walked(x: Floats, F: Floats, Q: Floats, warmer: float, over: float, bend: Floats, var: float) -> None:
     """Write a prediction step of bias (rad/s) and slope by temperature (rad/s/K) into x (n,), F and Q (n, n), in place.
 
-    warmer: temperature change, K; the bias moves by it times the slope.
-    over: temperature change, K, over which the slope may change. bend (3,): standard deviation of that change, rad/s/K.
+    x: state. F: transition matrix. Q: process noise.
+    warmer: temperature change, K; the bias changes by this times the slope.
+    over: temperature change over which the slope may change, K. bend (3,): standard deviation of the slope's change,
+        rad/s/K.
     var: variance of the random walk of the bias, (rad/s)².
     """
     for i in range(3):

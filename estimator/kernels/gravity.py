@@ -1,7 +1,7 @@
-"""Kernel of tracking/gravity.py: propagates the filter's state over a span.
+"""Kernel of tracking/gravity.py: propagates the filter's state over a span, an uninterrupted stretch of about a second.
 
-State (24): gyro bias (3) rad/s, its slope (3) rad/s/K, gravity (3) m/s², velocity (3) m/s, accelerometer bias (3) m/s²,
-    relative change of the gyro matrix (9). Vectors are in sensor axes.
+State (24): gyro bias (3) rad/s, its slope by temperature (3) rad/s/K, gravity (3) m/s², velocity (3) m/s, accelerometer
+bias (3) m/s², relative change of the gyro matrix (9). Vectors are in sensor axes.
 """
 
 import numpy as np
@@ -18,12 +18,12 @@ def crossing(v: Floats) -> Floats:
 
 
 def steered(F: Floats, P: Floats, span: Floats, at: tuple[int, int, int], tilts: Floats, swings: Floats) -> float:
-    """Write into F how n gyro parameters (bias or matrix) move gravity and velocity.
+    """Add to F the derivatives of gravity and velocity after a span by n gyro parameters (bias or matrix change).
 
-    F, P (24, 24): transition matrix, and covariance of the state. span: rows of kernels/strapdown.py.
+    F, P (24, 24): transition matrix, changed in place, and covariance of the state. span (34, 3): rows of kernels/strapdown.py.
     at: index of the first parameter in the state, n, and row of the parameters' derivatives in `span`.
     tilts, swings (3, 3): cross-product matrices of gravity (m/s²) and of velocity (m/s).
-    Returns the variance of the angle that these parameters leave uncertain, rad².
+    Returns the variance of the angle of rotation over the span from the parameters' covariance, rad².
     """
     part, n, row = at
     turn, pushing = span[row : row + n].reshape(3, n), span[row + n : row + 2 * n].reshape(3, n)
@@ -47,9 +47,10 @@ def steered(F: Floats, P: Floats, span: Floats, at: tuple[int, int, int], tilts:
 def carried_over(x: Floats, span: Floats, after: Floats, kept: float, strength: float) -> Floats:
     """State x (24,) after a span: gravity (m/s²) and velocity (m/s) in sensor axes at the end of the span.
 
+    x (24,): state before the span. span (34, 3): rows of kernels/strapdown.py, which begin with the rotation over the span.
     after (3,): velocity after the span in axes of its start, m/s.
-    kept: fraction of the accelerometer bias that remains.
-    strength: magnitude of gravity, m/s².
+    kept: factor on the accelerometer bias, 0 to 1.
+    strength: magnitude to which gravity is scaled, m/s².
     """
     moved, norm = x.copy(), 0.0
     for i in range(3):
@@ -65,11 +66,12 @@ def carried_over(x: Floats, span: Floats, after: Floats, kept: float, strength: 
 
 
 def stirred(Q: Floats, tilting: Floats, seconds: float, doubt: float, noise: tuple[float, float, float]) -> None:
-    """Write the process noise of a span of `seconds` into Q (24, 24).
+    """Write the process noise of gravity, velocity and accelerometer bias over a span into Q (24, 24).
 
-    tilting (3, 3): change of gravity by a rotation, m/s² per rad.
-    doubt: second-order variance of gravity, (m/s²)².
-    noise (3,): variances added to rotation (rad²), velocity ((m/s)²) and accelerometer bias ((m/s²)²).
+    tilting (3, 3): derivative of gravity by a small rotation, m/s² per rad.
+    seconds: length of the span, s.
+    doubt: variance of each component of gravity from second-order effects of an uncertain angle, (m/s²)².
+    noise (3,): variances of rotation (rad²), velocity ((m/s)²) and accelerometer bias ((m/s²)²) from the span.
     """
     turned, pushed, posed = noise
     for i in range(3):
@@ -96,8 +98,9 @@ def carried(
 ) -> tuple[Floats, Floats, Floats]:
     """Propagate the state x (24,) of tracking/gravity.py over a span; return the new state (24,), F and Q (24, 24).
 
-    P (24, 24): covariance of x. span: rows of kernels/strapdown.py.
-    kept: fraction of the accelerometer bias that remains. strength: magnitude of gravity, m/s².
+    F: transition matrix. Q: process noise.
+    P (24, 24): covariance of x. span (34, 3): rows of kernels/strapdown.py.
+    kept: factor on the accelerometer bias, 0 to 1. strength: magnitude of gravity, m/s².
     noise (3,): variances that the span adds to the rotation (rad²), to each velocity component ((m/s)²), and to each
         accelerometer bias component ((m/s²)²).
     An uncertain angle, from bias or matrix, also shifts gravity by half of its square. F has no such term, so Q has it

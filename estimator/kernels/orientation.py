@@ -49,17 +49,31 @@ def carried(
     cov: Floats,
     trace: Floats,
 ) -> None:
-    """Integrate attitude states (k, SIZE) over samples, rows (n, 9), in place; write the results to out (n, WIDTH).
+    """Integrate attitudes of k devices over n samples, in place in `states`; write the results to `out` (n, 7).
 
-    rows: device time (s), gyro (3, rad/s), accelerometer (3, m/s²), clipped, temperature (°C).
+    states (k, 120), changed in place: one row per device. A row has time (s), quaternion, velocity (m/s), covariances,
+    and sensitivities to sensor errors, in the order of the constants of this module.
+    rows (n, 9): device time (s), gyro (3, rad/s), accelerometer (3, m/s²), clipped, temperature (°C).
     which, counts (m,): the first counts[0] rows belong to device which[0], the next counts[1] to device which[1], and
         so on.
-    known (m, KNOWN): sensor errors of each of these, as orientation/attitude.py packs them.
-    knobs (11,): settings in the order of orientation/attitude.py.
-    out: quaternion sensor to earth (4), and acceleration without gravity in earth axes (3, m/s²).
+    known (m, 38): for each of the m groups of rows, the sensor errors, as packed by the function `known` in
+        orientation/attitude.py.
+
+    knobs (11,):
+
+        0, 1   standard deviation of the wearer's mean velocity, m/s; the same for each m/s of motion
+        2      time over which motion is measured, s
+        3, 4   gyro errors, rad per root second: for each rad/s, and constant
+        5      accelerometer noise, m/s per root second
+        6, 7   standard deviations of the first tilt, rad, and of the first velocity, m/s
+        8      correlation time of the bias instability, s
+        9      error of the rate where samples are missing, rad/s
+        10     gap in the samples after which the rotation is unknown, s
+
+    out (n, 7), written: quaternion sensor to earth (4), and acceleration without gravity in earth axes (3, m/s²).
     cov, written: covariance of phi (xx, xy, xz, yy, yz, zz), rad². It is (n, 6) for every sample, or (m, 6) for the
-        last row of each device.
-    trace (n, TRACE), written, for `smoothed`; or (0, TRACE) for no trace.
+        last row of each group.
+    trace (n, 11), written, for `smoothed`; or (0, 11) for no trace.
     """
     g, limit = 9.80665, np.pi**2 / 3  # the variance of an angle of which nothing is known
     J, f, w, turn, C = np.empty((5, 15)), np.empty(3), np.empty(3), np.empty(3), np.empty((3, 3))
@@ -261,9 +275,11 @@ def carried(
 
 @compiled("void(f8[:, ::1], f8[:, ::1], f8[:])")
 def smoothed(trace: Floats, quaternions: Floats, tilt_share: Floats) -> None:
-    """Correct quaternions (n, 4) in place by later samples: a Rauch-Tung-Striebel pass over a trace (n, TRACE).
+    """Correct quaternions (n, 4) in place by later samples: a Rauch-Tung-Striebel pass over a trace (n, 11).
 
-    trace: result of `carried`: covariances of tilt (rad²) and velocity ((m/s)²), corrections, and sample intervals (s).
+    trace (n, 11): written by `carried`. Its columns are covariances of tilt (rad²) and velocity ((m/s)²), corrections,
+        and sample intervals (s).
+    quaternions (n, 4): sensor to earth, w x y z.
     tilt_share (n,), written: variance of the smoothed tilt divided by that of the real-time tilt.
     """
     g, n = 9.80665, len(trace)

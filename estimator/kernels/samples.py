@@ -25,7 +25,7 @@ def vector(values: Float32s, limit: float, row: Floats) -> bool:
 def starts(numbers: Wholes, ticks: int) -> tuple[int, int, int, int]:
     """Index, in 32-bit words, of the first gyro, accelerometer, temperature and flags value in the memory of all messages.
 
-    numbers (6, m): as for `unpacked`. ticks: number of ticks (64 bits each), which come before these values.
+    numbers (6, m): message sizes, as for `unpacked`. ticks: number of clock ticks, 64 bits each, before these values.
     """
     gyro = 2 * ticks
     accel = gyro + 3 * ticks
@@ -34,9 +34,10 @@ def starts(numbers: Wholes, ticks: int) -> tuple[int, int, int, int]:
 
 
 def host_time(passed_ns: float, start: int, latest: float, place: Wholes) -> bool:
-    """Write a sample's host time, start + passed_ns, into place[1]; return True if it is not after `latest`.
+    """Write a sample's host time into place[1]: `start`, of the message's first sample, plus passed_ns.
 
     All times in ns; start and latest since the Unix epoch.
+    Returns True if the host time is not after `latest`. Otherwise nothing is written.
     """
     if not passed_ns <= latest - start:
         return False
@@ -119,10 +120,10 @@ def corrected(
 
     rows: device time (s), gyro (3, rad/s), accelerometer (3, m/s²), clipped, temperature (°C).
     counts (m,), parameters (m, 12): the first counts[0] rows use parameters[0], and so on. Each has the matrix (9, by
-    rows) and the bias (3, rad/s).
-    limit: rad/s. beyond (n,), written: True for samples that were limited.
-    rate = matrix (reading - bias), summed from the left as in gyro_model.py. The bits are the same for any number of
-    rows.
+        rows) and the bias (3, rad/s).
+    limit: rad/s. rate (n, 3), written: corrected rates. beyond (n,), written: True for samples that were limited.
+    rate = matrix (reading - bias), summed from the left as in gyro_model.py. The results are the same to the last bit
+    for any number of rows.
     """
     at, found = 0, False
     for m in range(len(counts)):

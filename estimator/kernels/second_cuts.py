@@ -1,4 +1,4 @@
-"""Kernel of tracking/seconds.py: joins stillness windows into seconds."""
+"""Kernel of tracking/seconds.py: joins stillness windows, each of about 1/8 s, into blocks of one second."""
 
 import numpy as np
 
@@ -9,14 +9,14 @@ WAITING = 64
 
 
 def nothing_gathered() -> tuple[Floats, Floats]:
-    """Initial state (9,) and empty storage (WAITING, 6) for waiting windows, as `cut` needs them."""
+    """Initial arguments of `cut`: state (9,) without an unfinished block, and empty storage (WAITING, 6) for waiting windows."""
     state = np.zeros(9)
     state[0] = -np.inf
     return state, np.empty((WAITING, 6))
 
 
 def let_go(state: Floats, moved: float | None) -> None:
-    """Discard the unfinished second and the waiting windows, because the next windows are skipped.
+    """Discard the unfinished block and the waiting windows, because the next windows are skipped.
 
     state (9,): state of `cut`, changed in place.
     moved: device time at the end of the last moving window among those skipped, s, or None.
@@ -29,13 +29,14 @@ def let_go(state: Floats, moved: float | None) -> None:
 def cut(
     found: Floats, first: int, begin: int, waiting: Floats, state: Floats, knobs: tuple[float, float, float]
 ) -> Floats:
-    """Join the next windows into seconds, and return the completed seconds (k, 5).
+    """Join the next stillness windows into blocks of one second, and return one row (5) for each of k completed blocks.
 
-    found (m, 22): judged windows of kernels/stillness.py. All times are device time, s.
+    found (m, 22): judged windows, as `judged` in kernels/stillness.py returns them. All times are device time, s.
     first: number of the sample to which index 0 in `found` refers. begin: index of the first window's first sample.
-    knobs (3,): length, least length, and settling time of a second, s.
-    Each result row: index of the window that completes the second, its first sample and the one after its last, 1 if
-    still, 1 with an accelerometer.
+    knobs (3,): length of a block, its least length, and settling time, all in s. Within the settling time before or
+        after a movement, no window is still.
+    Each result row: index of the window that completes the block, number of its first sample, number of the sample
+    after its last, 1 if still, 1 with an accelerometer.
 
     waiting (WAITING, 6), changed in place, has one row per waiting window:
 
@@ -48,7 +49,7 @@ def cut(
 
         0      end time of the last moving window
         1      number of waiting windows
-        2      1 if a second is in progress; the next five values describe it
+        2      1 if a block is unfinished; the next five values describe it
         3, 4   start time, and number of its first sample
         5, 6   1 if its latest window is still; 1 if all its windows are still
         7      1 if all its windows have an accelerometer

@@ -1,4 +1,4 @@
-"""Kernel of tracking/seconds.py: statistics (mean, scatter, rounding step) of the readings of a second."""
+"""Kernel of tracking/seconds.py: statistics of the readings in a block of one second: mean, scatter, rounding step."""
 
 import numpy as np
 
@@ -32,7 +32,7 @@ def spread(read: Floats) -> tuple[float, float]:
 
 
 def jittered(read: Floats) -> tuple[float, float, float]:
-    """Least and largest of readings (n,), n > 2, and standard deviation of the steps between neighbours; all in their unit.
+    """Minimum and maximum of readings (n,), n > 2, and standard deviation of the steps between neighbours; all in their unit.
 
     The steps are taken about their mean, so that a steady drift does not count.
     """
@@ -45,11 +45,11 @@ def jittered(read: Floats) -> tuple[float, float, float]:
 
 
 def on_grid(read: Floats, low: float, high: float, grid: float) -> float:
-    """Smallest difference between readings (n,) that lie on a grid of multiples of `grid`.
+    """Smallest difference between distinct readings (n,) that lie on multiples of `grid` above the lowest reading.
 
-    low, high: least and largest reading; all in the readings' unit.
-    Returns infinity where all readings are equal. Returns NaN where they are off the grid, or where the grid has too
-    many levels.
+    low, high: lowest and highest reading. grid: assumed rounding step. All, and the result, are in the readings' unit.
+    Returns infinity where all readings are equal. Returns NaN where they are not multiples, or where they span more
+    than 512 steps.
     """
     # Sorting would take longer than all the rest here.
     if not high - low < _LEVELS * grid < np.inf:
@@ -69,10 +69,9 @@ def on_grid(read: Floats, low: float, high: float, grid: float) -> float:
 
 
 def stepped(read: Floats, low: float, high: float, known: float, step_if_none: float) -> float:
-    """Rounding step of readings (n,): the smallest difference between them; `step_if_none` where all are equal.
+    """Rounding step of readings (n,): the smallest difference between distinct values; `step_if_none` where all are equal.
 
-    low, high: least and largest reading. known: least step known before, tried first as a grid. All in the readings'
-        unit.
+    low, high: lowest and highest reading. known: smallest step known before, tried first. All in the readings' unit.
     """
     step = on_grid(read, low, high, known)
     if np.isnan(step):
@@ -109,21 +108,21 @@ def mean_of_known(celsius: Floats) -> float:
 def measured(
     samples: Floats, first: float, coarsest: float, step_if_none: float, known: Floats
 ) -> tuple[Floats, Floats, bool]:
-    """Statistics of the samples of a second: intervals dt (n,) in s, rows (11, 3), and True if a sample is clipped.
+    """Statistics of the samples of a one-second block: dt (n,) in s, rows (11, 3), and True if a sample is clipped.
 
-    samples (n, 9): rows of samples/sample_buffer.py. first: time of the sample before, s.
-    coarsest: rad/s; where no STD is below it, the rounding step is not measured but taken from `known`.
+    samples (n, 9): rows of samples/sample_buffer.py. first: time of the sample before the block, s.
+    coarsest: rad/s; where the standard deviation of every axis is above it, the rounding step is taken from `known`.
     step_if_none: rounding step where no two readings differ, rad/s.
-    known (3,), updated: least rounding step so far, rad/s.
-    Rows of the result, gyro in rad/s and accel in m/s²:
+    known (3,), updated: smallest rounding step so far, rad/s.
+    Rows of the result, one column per axis, gyro in rad/s and accelerometer in m/s²:
 
         MEAN, STD               mean and standard deviation of the gyro readings
         STEP                    rounding step
         MEAN_VAR, COMMON_VAR    variance of the mean, and its part from rounding, (rad/s)²: see gyro_model.py
         JITTER                  standard deviation of the steps between neighbouring readings
         HELD                    1 where all readings are equal
-        ACCEL_MEAN, ACCEL_STD   mean and standard deviation of accel; NaN without an accelerometer
-        SCALARS                 least STD, longest dt (s), mean magnitude of accel
+        ACCEL_MEAN, ACCEL_STD   mean and standard deviation of the accelerometer; NaN without one
+        SCALARS                 not per axis: least STD, longest dt (s), mean magnitude of the accelerometer readings
         CELSIUS                 mean of the known temperatures, °C, in the first column; NaN without any
     """
     gyro, accel = samples[:, 1:4], samples[:, 4:7]

@@ -18,7 +18,7 @@ _FASTER = 1.5
 
 
 def nothing_known(noise_guess: float) -> tuple[Floats, Floats]:
-    """Initial state (5, 4) and recent windows (RECENT, 7) of `judged`.
+    """Initial arguments of `judged`, before any sample: state (5, 4), and windows of the present rest (RECENT, 7).
 
     noise_guess: assumed standard deviation of one gyro reading at rest, rad/s.
     """
@@ -77,8 +77,8 @@ def mended(read: Floats, clipped: Floats, before: Floats, spikes: tuple[float, f
     """Replace spikes in the gyro columns of readings (n, 6) by their neighbours' mean; return how many samples had one.
 
     clipped (n,): flags, cleared for corrected samples. before (3,): the gyro reading before the first, rad/s.
-    spikes: three least distances of a spike from that mean. They are in rad/s, relative to the median distance, and
-        relative to the distances of its neighbours.
+    spikes: three limits for the distance of a reading from its neighbours' mean, all of which a spike exceeds. They are
+        a rate in rad/s, a multiple of the median distance, and a multiple of the distances of both neighbours.
     """
     n, (far, unusual, alone) = len(read), spikes
     lone, around, off = np.zeros(n, np.bool_), np.empty(n + 1), np.zeros(n + 1)
@@ -116,12 +116,13 @@ def broken(time: Floats, clipped: Floats, before: float, gap_s: float) -> tuple[
 
 
 def quiet(mean: Floats, std: Floats, rate_hz: float, noise: Floats, knobs: tuple[float, ...]) -> bool:
-    """Return True if the readings of a window scatter no more than at rest.
+    """Return True if the readings of a window scatter no more than at rest, by the limits in `knobs`.
 
     mean, std (6,): of gyro (rad/s) and accelerometer (m/s²) readings; NaN without an accelerometer.
     rate_hz: sample rate in the window, Hz.
-    noise (4,): sample rate (Hz) at which the noise was measured, and the noise (3), rad/s.
-    knobs: see `judged`.
+    noise (4,): sample rate (Hz) at which the noise was measured, and the noise (3): standard deviation of a reading at
+        rest, rad/s.
+    knobs (12,): limits, see `judged`.
     """
     _, _, factor, floor, jolt, _, _, ceiling, _, _, _, _ = knobs
     # At a higher output data rate a reading averages over less time: its noise is larger until learnt anew.
@@ -133,10 +134,12 @@ def quiet(mean: Floats, std: Floats, rate_hz: float, noise: Floats, knobs: tuple
 
 
 def rests(mean: Floats, begun: float, ended: float, state: Floats, knobs: tuple[float, ...]) -> bool:
-    """Return True if a quiet window belongs to a rest, or if quiet at another rate has lasted long enough to be a new rest.
+    """Return True if a quiet window belongs to a rest: its mean rate is near that of the last rest, and of this rest so far.
 
+    A window at another rate also belongs to a rest, if such windows in a row have lasted long enough (`judged`, limit
+    6).
     mean (3,): mean gyro reading, rad/s. begun, ended: device time of the window, s.
-    state (5, 4), changed in place, and knobs: see `judged`.
+    state (5, 4), changed in place, and knobs (12,): see `judged`.
     """
     _, _, _, _, _, tolerance, new_s, _, _, _, _, _ = knobs
     rest, odd, reference = state[1], state[2], state[4, 1:]
@@ -156,7 +159,7 @@ def rests(mean: Floats, begun: float, ended: float, state: Floats, knobs: tuple[
 
 
 def middle(values: Floats, lower: int) -> float:
-    """Median of values (n,), n up to RECENT, in their unit.
+    """Median of values (n,), n up to RECENT (16), in their unit.
 
     lower: for an even n, 1 gives the mean of the middle two values, and 0 the upper of the two.
     """
@@ -171,10 +174,11 @@ def middle(values: Floats, lower: int) -> float:
 
 
 def learnt(known: int, state: Floats, recent: Floats) -> bool:
-    """Update the mean of the rest and the noise from the latest windows; return True if the noise was updated.
+    """Update the mean of the rest and the noise of the gyro from the latest windows of a rest.
 
     known: number of these windows; the noise needs eight.
     state (5, 4), changed in place, and recent (RECENT, 7): see `judged`.
+    Returns True if the noise was updated.
     """
     rest, noise, reference = state[1], state[3], state[4, 1:]
     # The first windows of a stream may be the end of a movement: require several in a row.
@@ -207,10 +211,20 @@ def judged(rows: Floats, state: Floats, recent: Floats, knobs: tuple[float, ...]
         3   sample rate (Hz) at which the noise was measured, and the noise
         4   unused, and the mean of the last rest
 
-    recent (RECENT, 7), changed in place: mean (3), sample rate (Hz) and std (3) of the latest windows of this rest.
-    knobs (12,): limits of stillness/detector.py in its order.
+    recent (RECENT, 7), changed in place: mean (3), sample rate (Hz) and standard deviation (3) of the latest windows of
+    this rest. RECENT is 16.
+    knobs (12,), limits:
+
+        0, 1    least length (s), and least number of samples, of a window
+        2, 3    largest standard deviation of gyro readings at rest: multiple of the noise, or rad/s if that is larger
+        4       the same of accelerometer readings, m/s²
+        5, 6    largest distance from the mean of a rest, rad/s; s after which another constant rate is a new rest
+        7, 8    standard deviation above which any window moves, rad/s; gap between samples that ends a rest, s
+        9..11   limits of a spike, see `mended`
+
     Columns of the result: start and end time (s); index after the last sample; number of spikes; flags still, has an
-    accelerometer, noise was updated; mean (6) and std (6) of gyro (rad/s) and accelerometer (m/s²); noise (3), rad/s.
+    accelerometer, noise was updated; mean (6) and standard deviation (6) of gyro (rad/s) and accelerometer (m/s²);
+    noise (3), rad/s.
     """
     window_s, least, _, _, _, _, _, _, gap_s, far, unusual, alone = knobs
     last, rest, odd, noise = state[0], state[1], state[2], state[3]

@@ -1,4 +1,8 @@
-"""Kernel of geometry/strapdown.py: integrates the readings of a span, and their sensitivities to sensor errors."""
+"""Kernel of geometry/strapdown.py: integrates the readings of a span, and their sensitivities to sensor errors.
+
+A span is an uninterrupted stretch of about one second. Its push is the integral of the force (accelerometer reading
+less its bias) over time, a velocity change in m/s.
+"""
 
 import numpy as np
 
@@ -18,10 +22,10 @@ BY_MATRIX, PUSH_BY_MATRIX, SCALARS, ROWS = slice(15, 24), slice(24, 33), 33, 34
 
 
 def rates(gyro: Floats, bias: Floats, calibrated: Floats, change: Floats) -> tuple[Floats, Floats]:
-    """Rates (n, 3), rad/s, of gyro readings (n, 3), rad/s, and the matrix (3, 3) used for them.
+    """Rates (n, 3), rad/s, from gyro readings (n, 3), rad/s, and the matrix (3, 3) used for them.
 
-    bias (3,): rad/s. calibrated (3, 3): gyro matrix. change (9,): its relative change, by rows.
-    The matrix used is (1 + change) calibrated.
+    bias (3,): rad/s. calibrated (3, 3): gyro matrix. change (9,): relative change of the gyro matrix, by rows.
+    The matrix used is (1 + change) calibrated; rate = matrix (reading - bias).
     """
     rate, matrix = np.empty(gyro.shape), calibrated.copy()
     for r in range(3):
@@ -36,7 +40,7 @@ def rates(gyro: Floats, bias: Floats, calibrated: Floats, change: Floats) -> tup
 
 
 def half_turn(speed: float, h: float) -> tuple[float, float]:
-    """Cosine of half the angle turned in h seconds at `speed` (rad/s), and the sine of it divided by the speed (s)."""
+    """Cosine of half the angle turned in h seconds at `speed` (rad/s), and the sine of half the angle divided by speed (s)."""
     half = 0.5 * speed * h
     if half >= 0.05:
         return np.cos(half), np.sin(half) / speed
@@ -113,11 +117,12 @@ def moved_ahead(dt: Floats, force: Floats, carried: Floats, push: Floats) -> Flo
 
 
 def slopes(carried: Floats, moved: Floats, rate: Floats, by_bias: Floats, by_matrix: Floats) -> None:
-    """Write the derivatives of rotation (rad) and push (m/s) by a rate error, (6, 3), and by the matrix, (6, 9).
+    """Write the derivatives of rotation (rad) and push (m/s) by a constant rate error, (6, 3), and by the matrix, (6, 9).
 
     carried, moved (9, n): results of `turned` and `moved_ahead`. rate (n, 3): rad/s.
-    Rows: rotation (3), then push (3). Columns of by_bias: sensor axes, per rad/s. Columns of by_matrix: elements of the
-        relative change, by rows.
+    by_bias (6, 3), by_matrix (6, 9): written. Rows: rotation (3), then push (3).
+    Columns of by_bias: rate error about each sensor axis, per rad/s. Columns of by_matrix: elements of the relative
+    change, by rows.
     """
     n = len(rate)
     for r in range(3):
@@ -142,8 +147,8 @@ def slopes(carried: Floats, moved: Floats, rate: Floats, by_bias: Floats, by_mat
 def strayed(dt: Floats, force: Floats, push: Floats, seconds: float, shift: Floats) -> float:
     """Unrest of a span, m/s: rms deviation of the velocity from that of a constant acceleration.
 
-    dt (n,): s. force (n, 3) m/s², push (3,) m/s: in axes of the span's start. seconds: length of the span.
-    shift (3,), written: integral of the growing push over time, m.
+    dt (n,): s. force (n, 3) m/s², push (3,) m/s: in axes of the span's start. seconds: length of the span, s.
+    shift (3,), written: displacement from the velocity change, m: integral over time of the push accumulated so far.
     """
     n, square = len(dt), 0.0
     for r in range(3):
@@ -169,12 +174,13 @@ def strayed(dt: Floats, force: Floats, push: Floats, seconds: float, shift: Floa
 def summed(
     dt: Floats, gyro: Floats, accel: Floats, calibrated: Floats, bias: Floats, accel_bias: Floats, change: Floats
 ) -> Floats:
-    """Integrate a span of n samples into rows (ROWS, 3), in the layout of geometry/strapdown.py.
+    """Integrate a span of n samples into rows (ROWS, 3): end attitude, velocity change, and sensitivities to sensor errors.
 
+    The rows are described by the class Span in geometry/strapdown.py; ROWS is 34.
     dt (n,) s, gyro (n, 3) rad/s, accel (n, 3) m/s²: samples.
     calibrated (3, 3), bias (3,) rad/s, accel_bias (3,) m/s²: calibration. change (9,): relative change of the matrix,
     by rows. The matrix used is (1 + change) calibrated.
-    The derivatives by the matrix, (3, 9), fill nine rows. SCALARS: seconds (s), way (rad), unrest (m/s).
+    The last row (SCALARS) holds seconds (s), total angle turned (rad), and unrest (m/s).
     """
     rows, force, carried = np.zeros((ROWS, 3)), np.empty(accel.shape), np.empty((9, len(dt)))
     scalars, by_bias, by_matrix = rows[SCALARS], np.zeros((6, 3)), rows[15:33].reshape(6, 9)

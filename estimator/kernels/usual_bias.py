@@ -10,7 +10,8 @@ def narrowed(bias: Floats, cov: Floats, mean: Floats, wide_std: Floats, usual_st
     """Mean (3,) of a bias, rad/s, when its prior narrows from wide_std (3,) to usual_std, both about mean (3,).
 
     bias (3,), cov (3, 3): estimate under the wide prior, rad/s, and its covariance, (rad/s)².
-    Returns `bias` unchanged where the NIS of the step is above the gate.
+    mean (3,), wide_std (3,), usual_std: mean and standard deviations of the priors, rad/s.
+    gate: largest NIS (3 degrees of freedom) of `bias` against the narrow prior. Above it, `bias` is returned unchanged.
     """
     x, P, nis = bias.copy(), cov.copy(), 0.0
     for axis in range(3):

@@ -1,4 +1,4 @@
-"""Kernels of tracking/zaru.py: test that seconds belong to one rest, and form their zero-rate measurement."""
+"""Kernels of tracking/zaru.py: test that one-second blocks belong to one rest, and form their zero-rate measurement."""
 
 import numpy as np
 
@@ -7,11 +7,11 @@ from estimator.kernels.compiled import Floats, compiled
 
 @compiled("b1(f8[:, :, ::1], f8, f8)")
 def calm(means: Floats, motion_var: float, scatter: float) -> bool:
-    """Return True if the means of k seconds scatter as little as in one rest.
+    """Return True if the means of k one-second blocks scatter as little as in one rest.
 
     means (k, 2, 3): means (rad/s), and their variances ((rad/s)²).
-    motion_var: variance of a resting body's motion, (rad/s)², added to these.
-    scatter: limit for the ratio of observed to expected variance. Two means always pass.
+    motion_var: variance of a resting body's motion, (rad/s)², added to these variances.
+    scatter: limit for the ratio of observed to expected variance, on every axis. Two means always pass.
     """
     k = len(means)
     if k <= 2:
@@ -51,6 +51,8 @@ def upright(up: Floats) -> Floats:
 def along(axes: Floats, mean: Floats, var: Floats, common: Floats, n: int) -> tuple[Floats, Floats, Floats, Floats]:
     """Measurement of the bias along axes (m, 3) from a mean rate: z (m,), H (m, n), R (m, m), common variances (m,).
 
+    z: mean rate along the axes, rad/s. H: its derivatives by the filter's state. R: its covariance, (rad/s)².
+    axes (m, 3): unit vectors in sensor axes.
     mean (3,): rad/s. var (3,): its variance, (rad/s)². common (3,): part of var from the error that all means share,
         (rad/s)².
     n: number of states of the filter.
@@ -72,7 +74,7 @@ def together(z: Floats, R: Floats, common: Floats) -> tuple[Floats, Floats]:
     """Weighted mean (m,) and covariance (m, m) of k measurements z (k, m), with weights of inverse variance.
 
     R (k, m, m): covariances. common (m,): variance of the error that all measurements share. Units: rad/s and (rad/s)².
-    In a plain mean the uncertain first seconds could hide a turn that later seconds show.
+    The weights keep uncertain first measurements from hiding a turn that later measurements show.
     """
     k, m = z.shape
     mean, cov, worth, square = np.zeros(m), np.zeros((m, m)), np.empty(k), 0.0

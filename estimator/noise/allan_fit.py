@@ -35,7 +35,7 @@ _WHITE = 0.75
 
 
 def octaves(n: int) -> list[int]:
-    """Averaging factors of the Allan variance: 1, 2, 4 … samples, up to a third of n samples."""
+    """Averaging factors of the Allan variance for n samples: 1, 2, 4 … samples per average, up to n / 3."""
     return [1 << k for k in range(max(n // 3, 1).bit_length())]
 
 
@@ -74,7 +74,7 @@ def interval(variance: Floats, freedom: Floats) -> tuple[Floats, Floats]:
 
 @dataclass(frozen=True, slots=True)
 class Coefficient:
-    """Noise coefficient with its 95 % interval, in the SI unit of its field in `Noise`.
+    """Noise coefficient: value and ends (low, high) of its 95 % interval, in the SI unit of its field in `Noise`.
 
     low is 0 where the record does not show the noise.
     """
@@ -98,7 +98,7 @@ class Noise:
     tau (m,): averaging times (octaves), s. deviation (m,): Allan deviation at these, rad/s.
     low, high (m,): ends of its 95 % interval, rad/s.
     fitted_from: shortest averaging time that the model explains, s. Below it the device's own filter shapes the noise.
-    misfit: ratio, no unit; about 1 where the model explains the octaves used.
+    misfit: reduced chi-square of the fit, no unit, at least 1; 1 where the model explains the octaves used.
     """
 
     arw: Coefficient

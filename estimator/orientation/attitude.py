@@ -148,14 +148,17 @@ class Attitude:
         return orient([(self, rows, known)], every=True)[0]
 
     def traced(self, rows: Floats, known: Floats) -> tuple[Oriented, Floats]:
-        """Integrate the attitude over n samples as `take` does; also return the trace (n, 11) for `smoothing.smooth`."""
+        """Integrate the attitude over n samples as `take` does; also return the trace (n, 11), the input of `smoothing.smooth`.
+
+        The trace holds the covariances and corrections of the filter at each sample.
+        """
         trace = np.empty((len(rows), loop.TRACE))
         return _carry([(self, rows, known)], trace, every=True)[0], trace
 
     def reset_heading(self, zero: str = "") -> None:
         """Set the heading of the last sample to zero, with zero variance.
 
-        zero: name of the person, for messages.
+        zero: name of the person who resets it; it is shown to users as the reason for the zero.
         """
         self.zero, self.state[loop.ZERO] = zero, self.state[loop.NEXT] - 1
         s, turn = self.state, Rotation.from_euler("z", -self.heading)
@@ -178,7 +181,7 @@ def orient(due: Sequence[tuple[Attitude, Floats, Floats]], *, every: bool = Fals
     due: elements (attitude, rows (n, 9), known (38,)), as for `Attitude.take`. A device may come several times, in the
         order of time.
     every: True for the covariance (rad²) at each sample, False for that at the last sample of each element.
-    The bits do not depend on how samples are split into calls.
+    The results are the same to the last bit, however the samples are split into calls.
     """
     return _carry(due, np.empty((0, loop.TRACE)), every=every) if due else []
 

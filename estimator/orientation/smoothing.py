@@ -12,8 +12,7 @@ def smooth(real_time: Oriented, trace: Floats, accel_std: Floats) -> Oriented:
 
     real_time, trace (n, 11): both from `Attitude.traced`.
     accel_std (3,): standard deviation of the accelerometer bias, m/s².
-    The variance of the tilt shrinks in the same ratio as its noise. The part from the accelerometer bias does not
-    shrink.
+    Smoothing reduces the part of the tilt variance that comes from noise. The part from the accelerometer bias stays.
     Source: H. E. Rauch, F. Tung, C. T. Striebel, "Maximum likelihood estimates of linear dynamic systems", AIAA Journal
     3 (1965).
     """

@@ -1,6 +1,6 @@
-"""Cutting of samples into blocks of half a second or a second of device time.
+"""Cutting of samples into blocks of half a second or a second of device time, so that each block is processed at once.
 
-The cuts are at the same samples, however the samples are split into messages.
+The block boundaries are at the same samples, however the samples are split into messages.
 """
 
 from bisect import bisect_left
@@ -17,6 +17,7 @@ CLOCK_LOST_S = 1.0
 class Blocks:
     """Cutter of the samples of one boot into blocks of device time; finished blocks go to `buffer`.
 
+    Blocks end where device time is a multiple of `length_s`, s.
     began: device time at the start, s. latest: device time of the last sample, s.
     """
 
@@ -45,7 +46,7 @@ class Blocks:
     def clock(self) -> tuple[float | None, float]:
         """Device time of the first sample (None before it), and device time minus the device's clock; both in s.
 
-        The difference is above 0 once the device's clock went back: see `went_back`.
+        Device time always rises. The difference is above 0 once the device's clock went back: see `went_back`.
         """
         return self._first_s, self._later_s
 
@@ -65,7 +66,7 @@ class Blocks:
         return 0.0 if self._first_s is None else self.latest - self._first_s
 
     def went_back(self, first_s: float, away_s: float) -> bool:
-        """Detect that the device's clock went back, and then shift device time so that it keeps rising; return True if so.
+        """Return True if the device's clock went back; device time is then shifted so that it continues to rise.
 
         first_s: device clock of the next sample, s.
         away_s: least time since the last sample according to the host, s.

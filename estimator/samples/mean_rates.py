@@ -1,4 +1,4 @@
-"""Mean corrected rates (rad/s) at a lower sample rate; a mean times its interval is the integral of its samples."""
+"""Mean corrected rates (rad/s) at a lower sample rate. Mean times interval is the rotation of the averaged samples, rad."""
 
 from dataclasses import dataclass, replace
 from itertools import pairwise

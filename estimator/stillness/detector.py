@@ -60,7 +60,7 @@ class Window(NamedTuple):
     rows (n, 9): device time (s), gyro (3, rad/s), accelerometer (3, m/s²), clipped (0 or 1), temperature (°C).
     start, end: numbers of the first sample and of the one after the last, counted from the first sample of the stream.
     start_time, end_time: device time of the first and the last sample, s.
-    summed (12,): mean of gyro (3, rad/s) and accelerometer (3, m/s²), then their standard deviations.
+    summed (12,): mean of gyro (3, rad/s) and accelerometer (3, m/s²), then their standard deviations in the same order.
     spikes: number of samples corrected.
     still: True if the window was judged still. aided: True if every sample has an accelerometer reading.
     """
@@ -95,7 +95,7 @@ class Windows:
     """Consecutive windows of a stream, with their judgements.
 
     rows (n, 9): device time (s), gyro (3, rad/s), accelerometer (3, m/s²), clipped (0 or 1), temperature (°C).
-    found (m, 22): one row per window, columns as in kernels/stillness.py.
+    found (m, 22): one row per window, as returned by the function `judged` in kernels/stillness.py.
     first: number of rows[0], counted from the first sample of the stream.
     begin: index in rows of the first window's first sample.
     """
@@ -160,9 +160,10 @@ class Windows:
 class StillnessState(StateStruct):
     """Saved state of the stillness detector.
 
-    state (5, 4), recent (16, 7): arrays of kernels/stillness.py.
+    state (5, 4), recent (16, 7): memory of the function `judged` in kernels/stillness.py, where each element is
+        described.
     noise_std (3,): standard deviation of one gyro reading at rest, rad/s. noise_known: True if a rest has shown it.
-    next: number of the first sample of the next window.
+    next: number of the first sample of the next window, counted from the first sample of the stream.
     """
 
     state: Floats

@@ -22,11 +22,13 @@ Key = Literal["noise_dps", "rate_hz", "wobble_deg", "replacement_deg", "turn_s",
 
 
 class Factor(Struct, frozen=True, forbid_unknown_fields=True):
-    """Varied cause of an error: the key that takes the values, its axis label, and other differences from the base.
+    """Cause of an error whose size the study varies: its values, and other differences of the sessions from `Base`.
 
-    The key's suffix is the unit of the values. rate_hz: the noise of a sample grows with the root of the rate, at
-    constant noise density. session_s: scales rests and turns together.
-    wobble_deg: wobble of the hand, degrees. sampling: sensors that average over a sample (`mean`) or sample a point.
+    key: quantity that is varied; its suffix is the unit of the values. label: axis label in the figure.
+    With rate_hz, the noise of a sample grows with the root of the rate, at constant noise density. session_s scales
+    rests and turns together.
+    wobble_deg: wobble of the hand, degrees. sampling: `mean` for sensors that average over a sample interval, `point`
+        for sensors that read at one instant.
     log: True for a logarithmic axis in the figure.
     """
 
@@ -49,7 +51,10 @@ class Base(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class AnalysisScenario(Scenario, frozen=True, kw_only=True):
-    """Scenario of study `analysis`: `runs` sessions for each value of a factor, over `sets` sets of gyro parameters."""
+    """Scenario of study `analysis`: `runs` sessions for each value of each factor.
+
+    sets: number of random gyros (scale factors and bias) among which the sessions are divided.
+    """
 
     sets: int
     base: Base
@@ -60,7 +65,7 @@ class Row(Struct, frozen=True):
     """Results for one value of a cause and one method, over all sessions.
 
     k_rms, b_rms: rms errors of the scale factors k (no unit) and the bias b (°/s).
-    k_mean ± k_mean_ci: mean error of k and its 95 % interval.
+    k_mean, k_mean_ci: mean error of k, and half the width of its 95 % interval.
     k_bound, b_bound: rms Cramér-Rao bounds, in the same units.
     nees: of closure, per degree of freedom; None for Algorithm 1.
     """
@@ -87,7 +92,7 @@ class Analysis(Struct, frozen=True):
     rows: list[Row]
 
     def of(self, factor: str, method: str, sampling: str = "mean") -> list[Row]:
-        """Rows of a factor by one method and sampling, in the order of the values."""
+        """Rows of one factor for one method (`algorithm1` or `closure`) and one sampling, in the order of the factor's values."""
         return [r for r in self.rows if (r.factor, r.method, r.sampling) == (factor, method, sampling)]
 
 
@@ -99,7 +104,10 @@ def jobs(of: AnalysisScenario) -> Sequence[Job]:
 
 
 def plan_of(of: AnalysisScenario, job: Job) -> PaperPlan:
-    """Plan of the simulated sessions of one job: the base values, with the job's value of its factor."""
+    """Session plan of one job: rests, turns, noise and sample rate of `Base`, with the job's value of its factor.
+
+    Turns last from 0.8 to 1.2 of the plan's turn length (s).
+    """
     factor = next(f for f in of.factors if f.name == job[0])
     base, value = of.base, float(job[1])
     varied = msgspec.structs.asdict(base) | {"wobble_deg": factor.wobble_deg, "replacement_deg": 0.0}
@@ -116,7 +124,7 @@ def plan_of(of: AnalysisScenario, job: Job) -> PaperPlan:
 
 
 def work(of: AnalysisScenario, job: Job) -> Arrays:
-    """Run one job for all parameter sets; return the arrays of `simulation.run`, one row per session."""
+    """Simulate and calibrate the sessions of one job; return errors, NEES and bounds, as `simulation.run` does."""
     plan = plan_of(of, job)
     counts = [of.runs // of.sets + (number < of.runs % of.sets) for number in range(of.sets)]
     # Equal random numbers for each value of a factor, as far as possible: only the factor makes the difference.
@@ -184,7 +192,7 @@ def tables(found: Analysis) -> Sequence[RenderableType]:
 
 
 def findings(found: Analysis) -> Sequence[Finding]:
-    """Judge the claims of Wang et al. 2024 on noise, discretization and hand motion, for the study's own scenario."""
+    """Judge the claims of Wang et al. 2024 on noise, discretization and hand motion, from the results of the study."""
     return _of_noise(found.of("noise", "algorithm1")), _of_rate(found), _of_hand(found)
 
 

@@ -31,10 +31,10 @@ def run_one(
 ) -> None:
     """Run one study, with its own scenario or another, and save it in OUT/NAME.
 
-    config: name or file of another scenario.
-    runs: overrides its number of runs. quick: True for few runs.
+    config: name or file of another scenario; empty for the study's own.
+    runs: number of runs instead of the scenario's. quick: True for few runs.
     workers: number of processes; None for one per processor.
-    recording: session for the study `real`.
+    recording: path of the recorded session for the study `real`.
     Raises ConfigError for an unusable scenario.
     """
     scenario = _scenario(name, config, runs, quick=quick)
@@ -58,7 +58,8 @@ def run_all(
 ) -> None:
     """Run all studies and write OUT/report.html; the study `real` runs only with a recording.
 
-    runs: overrides the number of runs of each study. quick: True for few runs.
+    recording: path of the recorded session for the study `real`.
+    runs: number of runs of each study instead of the scenario's. quick: True for few runs.
     workers: number of processes; None for one per processor.
     Raises ConfigError for an unusable scenario.
     """

@@ -23,7 +23,7 @@ _USUAL_ACCEL_NOISE = 0.02
 
 
 class PaperColumn(Struct, frozen=True, forbid_unknown_fields=True):
-    """Result of one method in tables 2 and 3 of Wang et al. 2024: k (no unit), b with the paper's sign (°/s), duration (s).
+    """Result of one method in tables 2 and 3 of Wang et al. 2024: scale factors k (no unit), b (°/s) and duration (s).
 
     The paper's b is minus the bias.
     """
@@ -42,11 +42,11 @@ class _File(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
 
 class Device(Struct, frozen=True, kw_only=True):
-    """Simulated sensor with its errors.
+    """Simulated sensor: sample rate, noise, and true scale factors and bias.
 
-    rate_hz: sample rate, Hz. spec: noise model.
+    name, label: short name, and title in figures. rate_hz: sample rate, Hz. spec: noise model.
     zero_g: ± limit of the accelerometer's offset, m/s².
-    paper: columns of the paper's table by method; `turntable` is the truth of the simulation.
+    paper: the paper's results by method; those of `turntable` are the truth of the simulation.
     """
 
     name: str
@@ -63,7 +63,7 @@ class Device(Struct, frozen=True, kw_only=True):
 
     @property
     def b_dps(self) -> Floats:
-        """True b (3,) with the paper's sign, °/s: minus the bias."""
+        """True bias (3,) with the paper's sign, °/s: the paper's b is minus the reading at rest."""
         return np.array(self.paper["turntable"].b_dps)
 
 
@@ -103,7 +103,8 @@ class WithSensors(Struct, Generic[S], frozen=True):
 class Hand(Struct, frozen=True, forbid_unknown_fields=True):
     """Motion of a calibration by hand: lengths of rests and turns (s), and the hand's errors (degrees).
 
-    turn_s: shortest and longest turn, s. The keys are those of bridge.sim.motion_scripts.SessionPlan.
+    rest_s: length of a rest. turn_s: shortest and longest turn, s.
+    wobble_deg, tilt_deg, replacement_deg: wobble during a turn, tilt of its axis, and attitude error at its end.
     """
 
     rest_s: float

@@ -16,7 +16,8 @@ from estimator.study.study import Finding, Parts, Study
 class ErrorsScenario(Simulation, frozen=True, kw_only=True):
     """Scenario of study `errors`.
 
-    paper_band: for each noise, the limit within which the paper has most errors of k (no unit) and b (°/s).
+    paper_band: for each noise, the limit within which the paper has most errors. It applies to scale factors (no unit)
+        and bias (°/s).
     Raises ValueError when the numbers of bands and noises differ.
     """
 
@@ -31,10 +32,11 @@ class ErrorsScenario(Simulation, frozen=True, kw_only=True):
 
 
 class Row(Struct, frozen=True):
-    """Errors of one parameter by one method at one noise (°/s).
+    """Errors of one parameter by one method at one noise (°/s per reading).
 
-    Errors and bounds of k have no unit, those of b are in °/s.
-    bound: root of the Cramér-Rao variance. inside: fraction of errors within the paper's band.
+    Errors and bounds of the scale factors k have no unit, those of the bias b are in °/s.
+    bound: root of the Cramér-Rao variance. paper_band: limit within which the paper has most errors. inside: fraction
+        of errors within this limit.
     """
 
     noise_dps: float
@@ -47,10 +49,10 @@ class Row(Struct, frozen=True):
 
 
 class Honesty(Struct, frozen=True):
-    """Consistency of closure's covariance at one noise (°/s).
+    """Consistency of closure's covariance at one noise (°/s per reading).
 
-    nees: mean NEES of k and b per degree of freedom (6).
-    band: half width of the 95 % interval about 1 that a consistent covariance gives.
+    nees: mean NEES of scale factors and bias per degree of freedom (6); 1 for a consistent covariance.
+    band: half width of the 95 % interval about 1 that chance leaves to a consistent covariance.
     """
 
     noise_dps: float

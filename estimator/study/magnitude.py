@@ -30,10 +30,10 @@ class Row(Struct, frozen=True):
 
 
 class Trace(Struct, frozen=True):
-    """Magnitudes of the rate over time in a sensor's first session, without ramps.
+    """Magnitudes of the rate over time during the turns of a sensor's first session, without ramps.
 
-    time_s: times, s. begins_s: start of each turn, s.
-    dps: magnitudes, °/s, by kind of rates: `raw`, `turn360`, `closure`, `paper`.
+    time_s: time of each value, s. begins_s: start of each turn, s.
+    dps: magnitudes, °/s, by kind of rates: `raw` for readings; `turn360`, `closure`, `paper` for corrected rates.
     """
 
     sensor: str
@@ -64,8 +64,10 @@ class Magnitude(Struct, frozen=True):
 
 
 def work(of: Inputs, job: Job) -> Arrays:
-    """Run one job: array `mean` (6 turns, 4 kinds of rates) of mean magnitudes, °/s.
+    """Simulate and calibrate one session of a sensor, and return the magnitudes of the rates in its machine turns.
 
+    The result has the array `mean` (6 turns, 4 kinds of rates): mean magnitudes, °/s. The kinds are `raw`, `turn360`,
+    `closure` and `paper`.
     The first run of a sensor also returns arrays over time: time (n,) s, dps (4, n) °/s, and the starts of the turns,
     begins (6,) s.
     """

@@ -8,10 +8,10 @@ from estimator.geometry import rotation
 
 
 def evidence(sessions: PaperSessions, replacement_std: float, *, coning: bool = False) -> Evidence:
-    """Build the input of the closure fit from simulated sessions, with known stages and a constant bias.
+    """Build the input of the closure fit from simulated sessions, with known rests and turns and a constant bias.
 
-    replacement_std: standard deviation of the hand's re-placement error, rad per axis.
-    coning: True to correct for changes of direction within a sample, as `closure` does at low sample rates.
+    replacement_std: standard deviation of the hand's error in putting the device back, rad per axis.
+    coning: True to correct for changes of the rotation axis within a sample, as `closure` does at low sample rates.
     """
     s, r, m, _ = sessions.rests.shape
     rest_noise = sessions.rests.var(axis=2, ddof=1)

@@ -37,9 +37,10 @@ class Row(Struct, frozen=True):
 
 
 class Trace(Struct, frozen=True):
-    """Angles of the first session about one axis: times, s, and angles, degrees.
+    """Angle over time of a sensor's first session, in the machine turns about one axis.
 
-    deg: angles by kind of rates (`raw`, `turn360`, `closure`, `paper`), and `ideal` for the true angle.
+    time_s: time of each value, s.
+    deg: angles, degrees, by kind of rates (`raw`, `turn360`, `closure`, `paper`), and `ideal` for the true angle.
     """
 
     sensor: str
@@ -69,15 +70,20 @@ class Orientation(Struct, frozen=True):
 
 
 def angle_deg(rate: NDArray[np.float64], dt: NDArray[np.float64], axis: int) -> NDArray[np.float64]:
-    """Integrate rates (n, 3), rad/s, held for dt (n,), s, to angles (n,), degrees, about an axis (0 to 2) of the first frame."""
+    """Integrate rates (n, 3), rad/s, to angles (n,), degrees, about an axis (0 to 2) of the initial frame.
+
+    dt (n,): time for which each rate is held, s. Method: equations 5 and 6 of Wang et al. 2024.
+    """
     attitude = rotation.attitudes(rate, dt)[1:]
     initial = np.einsum("tij,tj->ti", attitude, rate)
     return np.asarray(np.degrees(np.cumsum(initial[:, axis] * dt)))
 
 
 def work(of: Inputs, job: Job) -> Arrays:
-    """Run one job: array `errors` (3 axes, 4 kinds of rates, 2), the largest and the final error of the angle, degrees.
+    """Simulate and calibrate one session of a sensor, and return the errors of the angle in its machine turns.
 
+    The result has the array `errors` (3 axes, 4 kinds of rates, 2), degrees: the largest and the final error. The kinds
+    are `raw`, `turn360`, `closure` and `paper`.
     The first run of a sensor also returns time_x (n,), s, and the angles deg_x (5, n), degrees, and the same for y and
     z.
     """

@@ -33,7 +33,8 @@ FOREIGN = [m for m in MAPPINGS[1:] if not np.array_equal(m, np.diag([1.0, 1.0, -
 class Trial:
     """Simulated session as a recording, with its true scale factors k (3,), no unit.
 
-    k None: every acceptance is wrong. knobs: known facts about the device and its turns; None: no facts.
+    k: None for a session that no method can calibrate correctly; each acceptance is then wrong.
+    knobs: facts about the device and its turns that the calibration is given; None for none.
     """
 
     recording: Recording
@@ -42,9 +43,10 @@ class Trial:
 
 
 def good(seed: int) -> Trial:
-    """Simulate a good session, as a Trial.
+    """Simulate a good session, which a calibration should accept; the seed determines all random choices.
 
-    Order, direction, rate, bias, scale, hand and resolution are random. Odd seeds have an accelerometer.
+    Order, direction and rate of the turns, bias, scale factors, hand errors and resolution are random. Odd seeds have
+    an accelerometer.
     """
     rng = np.random.default_rng(seed)
     turns = tuple(
@@ -210,7 +212,7 @@ UNDETECTABLE: dict[str, Callable[[int], Trial]] = {
 
 
 def is_wrong(result: Result, k: Floats | None) -> bool:
-    """Return True if a result is accepted but wrong: its scale is off by more than 1 % and 4 standard deviations.
+    """Return True if a result is accepted but wrong: a scale factor is off by more than 1 % and 4 standard deviations.
 
     k (3,): true scale factors; with None every accepted result is wrong.
     """
@@ -218,7 +220,7 @@ def is_wrong(result: Result, k: Floats | None) -> bool:
 
 
 def is_too_sure(result: Result, k: Floats | None) -> bool:
-    """Return True if a result is accepted with a scale off by more than 0.2 % and 5 standard deviations.
+    """Return True if a result is accepted with a scale factor off by more than 0.2 % and 5 standard deviations.
 
     Its covariance is then too small. k (3,): true scale factors; None gives False.
     """
@@ -233,7 +235,7 @@ def _is_off(result: Result, k: Floats, by: float, deviations: float) -> bool:
 def try_one(job: tuple[str, int, str]) -> tuple[str, bool, bool, bool]:
     """Simulate one session of a job (kind, seed, method) and calibrate it.
 
-    Returns (kind, accepted, wrong, too sure): the last three are flags, see `is_wrong` and `is_too_sure`.
+    Returns (kind, accepted, wrong, too sure). The last three are True or False, see `is_wrong` and `is_too_sure`.
     """
     kind, seed, method = job
     trial = (good if kind == GOOD else {**BAD, **UNDETECTABLE}[kind])(seed)

@@ -24,8 +24,8 @@ _HERE = Path(__file__).parent
 class Item:
     """Table, figure or claim of Wang et al. 2024, as compared in the report.
 
-    key: as in Finding.item. where: place in the paper. says, value: the claim and its value.
-    study: name of the study that computes our value.
+    key: same key as in Finding.item. where: place in the paper. says: the claim in words. value: the paper's result.
+    study: name of the study that computes our result.
     """
 
     key: str
@@ -92,7 +92,7 @@ ITEMS = (
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """Table, figure or claim of the paper with our finding; None if the study was not run."""
+    """Row of the report: a table, figure or claim of the paper, and our finding, or None if its study was not run."""
 
     item: Item
     finding: Finding | None

@@ -1,7 +1,7 @@
 """Study runner: spreads jobs over processes, and saves results.json, tables and figures.
 
-An interrupted study continues from the parts it saved in OUT/.parts. Each part's folder is named after the work and a
-digest of its inputs, so changed inputs never use old parts.
+The arrays of each finished job are saved in OUT/.parts, and an interrupted study continues from these. Their folder is
+named after the work and a digest of its inputs, so changed inputs never use old arrays.
 """
 
 import hashlib
@@ -44,7 +44,7 @@ class Runner:
         self._parts = out / ".parts"
 
     def run(self, study: AnyStudy, scenario: Scenario) -> Done:
-        """Run a study: compute missing parts, save results.json and figures in OUT/NAME, and print the tables."""
+        """Run a study: compute the jobs not yet saved, save results.json and figures in OUT/NAME, and print the tables."""
         from estimator.study.figures.drawing import draw  # noqa: PLC0415 - matplotlib takes a second to load, in each worker
 
         results = study.results(scenario, self._computed(study, study.inputs(scenario)))
@@ -59,7 +59,7 @@ class Runner:
         return Done(study, results, tuple(folder / name for name in names))
 
     def forget_parts(self) -> None:
-        """Delete the saved parts of all studies, from which an interrupted run would continue."""
+        """Delete the saved arrays of finished jobs of all studies, from which an interrupted run would continue."""
         shutil.rmtree(self._parts, ignore_errors=True)
 
     def _computed(self, study: AnyStudy, inputs: Any) -> Parts:

@@ -16,10 +16,11 @@ from estimator.study.trials import METHODS, WORDS, SensorsScenario, inputs, jobs
 
 
 class Row(Struct, frozen=True):
-    """Result for one parameter of a sensor by one method; k has no unit, b is in °/s with the paper's sign.
+    """Result for one parameter of a sensor by one method: a scale factor k (no unit) or an element of b (°/s).
 
-    value: spread of the estimates. error: spread of their differences from the truth.
-    size_95: 95 % quantile of the error's magnitude. std: median of the claimed standard deviations.
+    The paper's b is minus the bias.
+    value: spread of the estimates over the sessions. error: spread of their differences from the truth.
+    size_95: 95 % quantile of the error's magnitude. std: median of the standard deviations that the method states.
     paper: the paper's value, or None. inside: True if it lies in the middle 95 % of our estimates.
     """
 
@@ -36,10 +37,10 @@ class Row(Struct, frozen=True):
 
 
 class Session(Struct, frozen=True):
-    """Summary of the sessions of one sensor by one method.
+    """Summary of all simulated sessions of one sensor by one method.
 
-    sessions: their number. accepted: fraction with verdict ACCEPTED. time_s, paper_time_s: median duration, and the
-        paper's, s.
+    sessions: number of sessions. accepted: fraction with verdict ACCEPTED.
+    time_s: median duration of a session, s. paper_time_s: duration in the paper, s, or None.
     """
 
     sensor: str
@@ -51,11 +52,11 @@ class Session(Struct, frozen=True):
 
 
 class Sensors(Struct, frozen=True):
-    """Results of the study: one row per sensor, method and parameter, and one entry per sensor and method for its sessions.
+    """Results of the study: a row per sensor, method and parameter, and a summary of the sessions per sensor and method.
 
     labels: titles of the sensors by name.
-    paper_limit: largest error of k (no unit) and b (°/s) in the paper, by sensor.
-    machine: median computing time of each method, ms, which depends on the computer.
+    paper_limit: by sensor, the largest error in the paper of scale factors (no unit) and bias (°/s).
+    machine: median computing time of each method on this computer, ms.
     """
 
     labels: dict[str, str]
@@ -65,7 +66,7 @@ class Sensors(Struct, frozen=True):
     machine: dict[str, float]
 
     def of(self, sensor: str, method: str) -> list[Row]:
-        """Rows of the six parameters of a sensor by one method."""
+        """Rows of one sensor and one method: three scale factors and three elements of b."""
         return [row for row in self.rows if (row.sensor, row.method) == (sensor, method)]
 
     def worst_k(self, sensor: str, method: str) -> float:

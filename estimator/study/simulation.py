@@ -59,7 +59,7 @@ def run(gyro: PaperGyro, plan: PaperPlan, sessions: int, rng: np.random.Generato
 
 
 def joined(parts: list[Arrays]) -> Arrays:
-    """Join the arrays of several runs along the sessions: error, bound and nees, as `run` returns them."""
+    """Join the results of several calls of `run` along the sessions: arrays error, nees and bound, in the same units."""
     return {
         "error": np.concatenate([part["error"] for part in parts], axis=1),
         "bound": np.concatenate([part["bound"] for part in parts]),
@@ -68,8 +68,9 @@ def joined(parts: list[Arrays]) -> Arrays:
 
 
 class Simulation(Scenario, frozen=True, kw_only=True):
-    """Scenario of the paper's simulation: `runs` sessions at each noise, over `sets` sets of gyro parameters.
+    """Scenario of the paper's simulation: `runs` sessions at each noise.
 
+    sets: number of random gyros (scale factors and bias) among which the sessions are divided.
     Noise in °/s per reading, sample rate in Hz, lengths of rests and turns in s. turn_s: shortest and longest turn.
     """
 
@@ -81,15 +82,18 @@ class Simulation(Scenario, frozen=True, kw_only=True):
 
 
 def inputs(scenario: Simulation) -> Simulation:
-    """Reduce a scenario to the values on which its runs depend.
+    """Reduce a scenario to the values on which its runs depend, such as noise, sample rate and seed.
 
-    The result is equal for all studies of the same runs, so that they share computed parts.
+    The result is equal for all studies of the same runs, so that they share computed arrays.
     """
     return convert(scenario, Simulation, from_attributes=True)
 
 
 def jobs(of: Simulation) -> Sequence[Job]:
-    """Jobs (noise in °/s, number of the parameter set, first run, last run + 1) of a scenario."""
+    """Jobs of a scenario, each a part of the sessions that one process computes.
+
+    Each is (noise in °/s, number of the gyro, first run, last run + 1).
+    """
     runs = {number: of.runs // of.sets + (number < of.runs % of.sets) for number in range(of.sets)}
     return [
         (noise, number, first, min(first + TASK, runs[number]))
@@ -100,17 +104,17 @@ def jobs(of: Simulation) -> Sequence[Job]:
 
 
 def work(of: Simulation, job: Job) -> Arrays:
-    """Run one job, the sessions of one parameter set at one noise; return the arrays of `run`."""
+    """Simulate and calibrate the sessions of one job, of one gyro at one noise; return the arrays of `run`."""
     noise, number, first, last = (float(word) for word in job)
     plan = PaperPlan(noise, rest_s=of.rest_s, turn_s=of.turn_s, rate_hz=of.rate_hz)
     return run(gyro_of(of.seed, int(number)), plan, int(last - first), generator(of.seed, noise, number, first))
 
 
 def gyro_of(seed: int, number: int) -> PaperGyro:
-    """Simulated gyro of a parameter set by its number; the same at every noise."""
+    """Simulated gyro with random scale factors and bias, by its number from 0; the same at every noise."""
     return draw_gyro(np.random.default_rng((seed, number)))
 
 
 def at_noise(parts: Parts, noise: float) -> dict[Job, Arrays]:
-    """Computed parts of one noise (°/s), by job."""
+    """Select the results of all jobs with one noise (°/s); keys are the jobs, values the arrays of `run`."""
     return {job: part for job, part in parts.items() if job[0] == noise}

@@ -10,7 +10,7 @@ _Z = 1.959964
 
 
 class Spread(Struct, frozen=True, kw_only=True):
-    """Spread of n numbers, in their unit.
+    """Spread of n numbers: mean, median, quantiles, extremes and rms, all in the unit of the numbers.
 
     mean_ci: 95 % interval of the mean, by the normal distribution.
     median_ci: 95 % interval of the median, by order statistics.

@@ -66,10 +66,10 @@ class Study(Generic[S, R]):
     """Definition of a study: functions that compute its results and present them.
 
     name: of the command and of configs/study/NAME.toml, which is read as `scenario`.
-    inputs(scenario): everything a job depends on; equal work and inputs give equal parts.
-    jobs(inputs): list of jobs. A study of one session has no jobs.
+    inputs(scenario): all values on which a job depends. Saved arrays are used again for equal `work` and inputs.
+    jobs(inputs): list of jobs, which run in parallel. A study of one session has no jobs.
     work(inputs, job): computes the arrays of one job, in another process.
-    results(scenario, parts): content of results.json, the source of tables, figures and findings.
+    results(scenario, parts): content of results.json, from the arrays of all jobs (parts).
     tables(results): tables for a terminal.
     findings(results): findings for the report, for the scenario that comes with truerate.
     """

@@ -33,7 +33,7 @@ class TestsetScenario(Simulation, frozen=True, kw_only=True):
 
 
 class Row(Struct, frozen=True):
-    """Spread of the mean errors e (equation 12) of one axis, °/s, at one noise, °/s.
+    """Spread over the runs of the mean error e (equation 12 of the paper) of one axis, °/s, at one noise, °/s per reading.
 
     stage: `before` calibration, or the method.
     """
@@ -45,9 +45,10 @@ class Row(Struct, frozen=True):
 
 
 class Left(Struct, frozen=True):
-    """Fraction of the test set's error that remains after calibration by one method at one noise, °/s.
+    """Fraction of the test set's error that remains after calibration by one method, no unit.
 
-    rms: rms error after over rms error before, of all runs and axes.
+    noise_dps: noise of a reading, °/s.
+    rms: rms error after calibration over rms error before, of all runs and axes.
     median, most: median and 97.5 % quantile of the runs' fractions.
     """
 
@@ -99,10 +100,12 @@ def results(scenario: TestsetScenario, parts: Parts) -> Testset:
 def mean_errors(
     scenario: TestsetScenario, noise: float, number: int, error: NDArray[np.float64], rng: np.random.Generator
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Mean errors of the test set, °/s: of n readings (n, 3), and of corrected rates (2 methods, n, 3).
+    """Mean errors (true rate minus measured) of the test set, °/s: of n readings (n, 3), and of corrected rates (2, n, 3).
 
-    noise: standard deviation of one sample, °/s. number: of the parameter set.
-    error (2, n, 6): parameter errors by method, in the order k_x, k_y, k_z (no unit), b_x, b_y, b_z (°/s).
+    noise: standard deviation of one sample, °/s. number: number of the simulated gyro, as for `simulation.gyro_of`.
+    error (2, n, 6): calibration errors by method, in the order k_x, k_y, k_z (scale factors, no unit), b_x, b_y, b_z
+        (bias, °/s).
+    The n values belong to n calibrations of the same gyro.
     """
     gyro = simulation.gyro_of(scenario.seed, number)
     rate = scenario.test_rate_dps / np.sqrt(3)

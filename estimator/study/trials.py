@@ -30,7 +30,7 @@ _TASK = 5
 class SensorsScenario(Scenario, frozen=True, kw_only=True):
     """Scenario of study `sensors`: names in configs/study/sensors, the motion of each method, and the paper's limits.
 
-    paper_limit: largest error of k (no unit), and of b (°/s), by sensor.
+    paper_limit: by sensor, the largest error in the paper of scale factors (no unit) and bias (°/s).
     """
 
     sensors: tuple[str, ...]
@@ -99,10 +99,10 @@ def work(of: Inputs, job: Job) -> Arrays:
 def session_of(
     of: SensorsScenario, method: str, rng: np.random.Generator
 ) -> tuple[Sequence[Piece], tuple[float, ...], bool, float | None]:
-    """Create a random session of a method: its motion, and the facts given to the calibration.
+    """Create a random session of a method: its motion, and the information that the calibration is given.
 
-    Returns pieces of motion, known rates (°/s), True if the accelerometer is used, and the limit of its offset (m/s²).
-    The limit is None for the device's own.
+    Returns four values: pieces of motion; known rates of the machine (°/s); True if the accelerometer is used; and ±
+    limit of the accelerometer's offset (m/s²). The limit is None for the device's own.
     """
     if method == "turntable":
         return of.turntable.pieces(rng), of.turntable.rates_dps, False, None

@@ -21,7 +21,7 @@ _AXES = ("x", "y", "z")
 
 
 class TypicalScenario(Scenario, frozen=True, kw_only=True):
-    """Scenario of study `typical`: one session of parameter set `set_number` of the paper's simulation.
+    """Scenario of study `typical`: one session of the paper's simulation, with simulated gyro number `set_number`.
 
     Noise in °/s per reading, sample rate in Hz, times in s. turn_s: shortest and longest turn.
     """
@@ -42,9 +42,9 @@ class Stage(Struct, frozen=True):
 
 
 class Parameter(Struct, frozen=True):
-    """Calibrated parameter: its truth, its estimate by Algorithm 1, and the standard deviation.
+    """Calibrated parameter: its truth, its estimate (found) by Algorithm 1, and the standard deviation of the estimate.
 
-    b is in °/s with the paper's sign, k has no unit.
+    The scale factors k have no unit. b is minus the bias, as in the paper, in °/s.
     """
 
     name: str

@@ -44,9 +44,9 @@ def jobs(of: Inputs) -> Sequence[Job]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Verification:
-    """Machine part of a session: true rates and corrected rates over time.
+    """Machine turns of a session after its calibration by hand: true, read and corrected rates over time.
 
-    time_s (n,): time from its start, s. truth (n, 3): true rate, rad/s.
+    time_s (n,): time from the start of the machine part, s. truth (n, 3): true rate, rad/s.
     rates: arrays (n, 3), rad/s, by name: `raw` for readings, `turn360`, `closure` and `paper` for corrected rates.
     spins: start and end of each turn with its ramps, s.
     """

@@ -22,10 +22,11 @@ SCALE_STD = 0.05
 
 
 class AccelerometerCheck(StateStruct):
-    """Accelerometer check: takes seconds and receipts of the gravity evidence, and decides if the accelerometer is used.
+    """Accelerometer check: decides if tracking uses the accelerometer, from its readings and from the gravity evidence.
 
-    balance: contradicting minus agreeing seconds, at least 0.
-    row: contradicting seconds in a row.
+    The input comes in blocks of one second (`Second`), and in receipts of the gravity evidence of these blocks.
+    balance: number of contradicting blocks minus number of agreeing blocks, at least 0.
+    row: number of contradicting blocks in a row.
     disbelieved: True if the accelerometer is not used for the rest of this boot.
     alive: True once the readings have changed.
     """
@@ -36,10 +37,10 @@ class AccelerometerCheck(StateStruct):
     alive: bool = False
 
     def fit(self, second: Second) -> bool:
-        """Return True if the accelerometer of a second can be used.
+        """Return True if the accelerometer readings of a one-second block can be used.
 
-        False when there is none, when it was given up for this boot, or when it is frozen. False also when its mean
-        magnitude is outside 5 to 20 m/s².
+        False without accelerometer readings, for a frozen accelerometer, and for one given up for this boot. False also
+        when the mean magnitude of the readings is outside 5 to 20 m/s².
         """
         fit = self._fit(second)
         if not fit:
@@ -54,9 +55,9 @@ class AccelerometerCheck(StateStruct):
         return (changing or not self.alive) and _WEAKEST < second.accel_strength < _STRONGEST
 
     def heard(self, receipt: Receipt) -> None:
-        """Count the receipt of one second of gravity evidence.
+        """Count the receipt of the gravity evidence of one block as a contradiction or as an agreement.
 
-        A test ratio above 1 counts as a contradiction, any other as agreement. The accelerometer is given up at 30 more
+        A test ratio above 1 is a contradiction, any other an agreement. The accelerometer is given up at 30 more
         contradictions than agreements.
         """
         against = receipt.test_ratio > 1
@@ -65,10 +66,10 @@ class AccelerometerCheck(StateStruct):
         self.disbelieved |= self.balance >= _PATIENCE
 
     def anew(self) -> None:
-        """Reset the counts of contradictions after a restart of the bias."""
+        """Reset the counts of contradictions, when tracking restarts from a new bias."""
         self.balance = self.row = 0
 
     @property
     def contradicts(self) -> bool:
-        """True if the accelerometer has contradicted the bias for 5 seconds in a row; False once it is given up."""
+        """True if the last five or more one-second blocks contradicted the bias; False for an accelerometer given up."""
         return self.row >= _IN_A_ROW and not self.disbelieved

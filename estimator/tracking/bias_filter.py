@@ -36,8 +36,8 @@ _BEND_K = 1.0
 class FilterState(StateStruct):
     """Saved state of a bias filter.
 
-    now: the present bias state.
-    unsure (3,): variance of the slope under the temperature law, before evidence, (rad/s/K)².
+    now: state of the filter: bias (rad/s), slope by temperature (rad/s/K), appended states, and their covariance.
+    unsure (3,): variance of the slope that the temperature law alone gives, without this boot's evidence, (rad/s/K)².
     """
 
     now: BiasState
@@ -86,7 +86,7 @@ class BiasFilter:
 
     @property
     def saved(self) -> FilterState:
-        """State to save for `resume`: everything that changes from second to second."""
+        """State to save for `resume`: all values that updates and predictions change."""
         return FilterState(self.state, self._unsure)
 
     def resume(self, saved: FilterState, law: TemperatureLaw | None) -> None:
@@ -106,9 +106,9 @@ class BiasFilter:
         self._unsure = saved.unsure
 
     def look_back(self, state: BiasState, time: float, temperature_c: float = np.nan) -> None:
-        """Set the filter to its estimate for a device time, s, earlier than that of `state`.
+        """Restart the filter from `state`, predicted backward to an earlier device time `time`, s.
 
-        The random walk adds the same variance backward as forward.
+        The random walk adds the same variance (rad/s)² backward as forward.
         temperature_c: temperature at that time, °C; NaN when unknown.
         """
         self.restart(state)
@@ -131,11 +131,12 @@ class BiasFilter:
         return BiasState(self._x.copy(), self._P.copy(), self.time, self.temperature_c, self._powered, self._bent_c)
 
     def predict(self, time: float, temperature_c: float = np.nan, carried: Step | None = None) -> Step | None:
-        """Predict the state to a device time, s: the bias walks, appended states move by `carried`.
+        """Predict the state to a device time, s: the bias follows temperature, and its variance grows by a random walk.
 
         temperature_c: temperature at that time, °C; NaN when unknown.
-        carried: prediction step of the appended states, which moves neither bias nor slope. It is modified.
-        Returns the step with the random walk added. Returns None when time does not advance.
+        carried: prediction step of the appended states, in which bias and slope do not change. The method adds their
+            changes to this step in place. None leaves the appended states unchanged.
+        Returns the complete step. Returns None when time does not advance.
         """
         dt, known = time - self.time, isfinite(temperature_c)
         step = _stays(self._x) if carried is None else carried
@@ -161,7 +162,7 @@ class BiasFilter:
         return step
 
     def settle(self) -> None:
-        """Make the covariance symmetric again after rounding; call at the end of each second."""
+        """Make the covariance exactly symmetric again after rounding errors; call once a second."""
         P = self._P + self._P.T
         P *= 0.5
         self._P = P
@@ -172,9 +173,9 @@ class BiasFilter:
         self._x, self._P = step.x.copy(), kf.P  # x itself from step.x: F is only its derivative
 
     def expect(self, law: TemperatureLaw, *, learnt: bool = False) -> None:
-        """Use a temperature law from now on; its slope and variance replace the tracked ones.
+        """Use a temperature law from now on; its slope (rad/s/K) and variance replace those in the filter's state.
 
-        learnt: True if the tracked slope was estimated under this law; the slope is then kept.
+        learnt: True if the filter's slope was estimated under this law; the slope is then kept.
         """
         self.law, self._unsure = (
             law,
@@ -198,9 +199,10 @@ class BiasFilter:
 
     @property
     def against_law(self) -> float:
-        """Difference between the tracked slope and the law's slope, in standard deviations; the largest of three axes.
+        """Difference between the filter's slope and the law's slope, in standard deviations; the largest of three axes.
 
-        The standard deviation is that of the evidence. 0 without a law or without a temperature.
+        The variance of the difference is that of the law minus that in the filter, and at least a quarter of that of
+        the law. The result is 0 without a law or without a temperature.
         """
         if self.law is None or not np.isfinite(self.temperature_c):
             return 0.0
@@ -229,8 +231,8 @@ class BiasFilter:
     def walked(self, dt: float, *, known: bool | None = None) -> float:
         """Variance per axis, (rad/s)², that the random walk adds to the bias in dt seconds.
 
-        known: True if a temperature reading explains warming; by default True once a temperature was read. If False,
-            warming up adds to the walk.
+        known: True if the temperature is known, so that warming up adds nothing to the walk. False adds the warm-up
+            walk. By default True once a temperature was read.
         """
         known, knobs = isfinite(self.temperature_c) if known is None else known, self.knobs
         var = knobs.rate_random_walk**2 * self.pace * dt
@@ -244,13 +246,17 @@ class BiasFilter:
         self.widened = cov if self.widened is None else self.widened + cov
 
     def extend(self, own: BiasState) -> None:
-        """Replace the state by `own`: the filter's six states with more states appended."""
+        """Replace the filter's state and covariance by those of `own`, which has states appended for the gravity evidence.
+
+        own: x begins with the filter's six states: bias (3) rad/s and its slope by temperature (3) rad/s/K. The
+            appended states follow; gravity.py lists them. Time and temperature are taken from `own` too.
+        """
         self._take(own)
 
     def weigh(self, evidence: Evidence) -> Receipt:
-        """Compute the receipt that `update` would give for a measurement, without changing the filter.
+        """Compute the receipt of a measurement without changing the filter.
 
-        `accepted` tells if the NIS passes the gate.
+        `accepted` is True if the NIS passes the gate.
         """
         innovation, cov, _, nis = weighed(evidence.z, evidence.H, evidence.R, self._x, self._P, 0)
         return self._said(evidence, innovation, cov, nis)
@@ -258,8 +264,8 @@ class BiasFilter:
     def update_both(self, first: Evidence, then: Evidence) -> tuple[Receipt, Receipt]:
         """Update with two simultaneous measurements, and return both receipts.
 
-        The update is one step when both pass their gates and `first` has no common variance. Otherwise `update` applies
-        one after the other.
+        Both are applied in one joint update if both pass their gates and `first.common_var` is None. Otherwise `update`
+        applies one after the other.
         """
         m = len(first.z)
         z, H = np.concatenate([first.z, then.z]), np.concatenate([first.H, then.H])
@@ -276,8 +282,8 @@ class BiasFilter:
     def update(self, evidence: Evidence) -> Receipt:
         """Update with a measurement of the present state if its NIS passes its gate; return the receipt.
 
-        Soft evidence is always applied if its NIS is finite. Beyond the gate its R is enlarged until the NIS just
-        passes.
+        A measurement with `Evidence.soft` is always applied if its NIS is finite. Beyond the gate its R is enlarged
+        until the NIS just passes.
         """
         receipt = self.weigh(evidence)
         if receipt.accepted or (evidence.soft and isfinite(receipt.nis)):
@@ -299,8 +305,9 @@ class BiasFilter:
         """Update with a measurement of the bias at an earlier time, if its NIS passes its gate; return the receipt.
 
         time: device time of the measurement, s. celsius: temperature at that time, °C; NaN when unknown.
-        The random walk since then is part of the error of the present state and, reversed, of the measurement. The
-        filter uses their covariance M (n, m). It neglects the information on the walk in the updates since then.
+        Method: the measurement is treated as one of the present bias, with the random walk since `time` as additional
+        noise. This noise is correlated with the error of the present state, with cross-covariance M (n, m) in (rad/s)².
+        The information that updates since `time` gave on the walk is neglected.
         """
         m, n, walk = len(evidence.z), len(self._x), self.walked(self.time - time)
         H, M, then = np.zeros((m, n)), np.zeros((n, m)), self._P.copy()

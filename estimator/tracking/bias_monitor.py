@@ -23,11 +23,13 @@ _INFLATION = 3.0
 
 
 class BiasMonitor(StateStruct):
-    """Bias monitor: takes receipts, and gives reasons to doubt the bias or ends a doubt.
+    """Bias monitor: takes receipts of rests, and gives reasons to doubt the bias or ends a doubt.
 
+    The bias has two parts: horizontal (`level`) and along the vertical (`vertical`).
     why: reasons of the present doubt, or empty.
-    contradictions: by part of the bias (level, vertical), number of contradictions since a rest last agreed.
-    refused: by part, error of the latest contradiction, rad/s, and its kind of evidence.
+    contradictions: for each part, number of contradictions since a rest last agreed.
+    refused: for each part, the latest contradiction: largest element of its innovation, rad/s, and its kind of
+        evidence.
     agreed: parts that rests have agreed with since the doubt began.
     consistency: check of the latest innovations.
     Raises ValueError for unknown parts.
@@ -45,7 +47,7 @@ class BiasMonitor(StateStruct):
 
     @property
     def stands(self) -> bool:
-        """True if the bias is doubted, whatever the life cycle state; a recalibration does not hide a doubt."""
+        """True if the bias is doubted at present."""
         return bool(self.why)
 
     def anew(self) -> None:
@@ -58,7 +60,8 @@ class BiasMonitor(StateStruct):
     def take(self, receipts: Sequence[Receipt], surprises: Sequence[Receipt], *, rested: bool = True) -> None:
         """Add the receipts of rests: count contradictions, and check the consistency of innovations.
 
-        surprises: receipts from before the filter enlarged its covariance, used for consistency only.
+        surprises: additional receipts for the consistency check only, from `Zaru.surprises`. Each was computed before
+            the filter's covariance was enlarged because of a large innovation.
         rested: True if a rest was proven since the restart. Before that, ZARU receipts do not count for consistency,
             because the first quiet second may contain a breath.
         """

@@ -15,9 +15,14 @@ OWN = 6
 
 @dataclass(frozen=True, slots=True)
 class BiasKnobs:
-    """Process noise of the bias: settings; rates in rad/s, times in s, temperatures in K.
+    """Settings of the bias filter: process noise, and prior of the slope by temperature.
 
-    rate_random_walk, warm_up_walk: rad/s per root second. per_kelvin: rad/s/K. curvature: rad/s/K².
+    rate_random_walk: random walk of the bias at constant temperature, rad/s per root second.
+    warm_up_walk, warm_up_s: additional random walk at power-up, rad/s per root second, and its decay time, s. Used
+        where no temperature is known.
+    per_kelvin: prior standard deviation of the slope, rad/s/K.
+    curvature: standard deviation of the slope's change per kelvin, rad/s/K².
+    flicker: standard deviation of the bias instability, rad/s. It is not a state of the filter.
     """
 
     #: rate random walk at a constant temperature, rad/s per root second
@@ -37,7 +42,7 @@ class BiasKnobs:
     def warmed(self, since_power_up: float, dt: float) -> float:
         """Variance per axis, (rad/s)², that warming up adds to the bias in dt seconds, where no temperature is known.
 
-        since_power_up: seconds from power-up to the start of this interval.
+        since_power_up: seconds from power-up to the start of the dt seconds.
         """
         fading = exp(-max(0.0, since_power_up) / self.warm_up_s)
         return self.warm_up_walk**2 * fading * -expm1(-dt / self.warm_up_s) * self.warm_up_s
@@ -47,9 +52,10 @@ class BiasKnobs:
 class BiasState:
     """State of the bias filter at a device time, s: x (n,) with covariance P (n, n).
 
-    x: bias (3) rad/s, its slope by temperature (3) rad/s/K, and appended states.
-    temperature_c: average over the last seconds, °C; NaN when unknown.
+    x: bias (3) rad/s, its slope by temperature (3) rad/s/K, and appended states (see gravity.py).
+    temperature_c: temperature averaged over 10 s, °C; NaN when unknown.
     powered: device time of power-up, s; -inf when unknown.
+    bent_c: temperature at which variance was last added to the slope, °C; NaN when never.
     lag_k: latest temperature reading minus the average, K.
     """
 

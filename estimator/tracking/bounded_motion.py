@@ -1,8 +1,10 @@
-"""Bounded-motion evidence of the bias: a wearer who breathes, sways or dozes turns to and fro, but not away.
+"""Bounded-motion evidence of the bias: a wearer who breathes, sways or dozes turns to and fro within a small angle.
 
-Over a stretch of 30 s the mean true rate is the rotation from the first attitude to the last, divided by the time. The
-stretch itself shows the angle by which the body swings, which bounds this rotation.
-The measurement is the mean bias of the stretch. Temperature change and random walk separate it from the present bias.
+The evidence is taken from stretches of 30 s. The mean true rate of a stretch is the rotation from its first attitude to
+its last, divided by its duration. The angle by which the body swings within the stretch gives the standard deviation of
+this rotation.
+The measurement is the mean bias of the stretch. It is corrected for temperature changes, and its variance includes the
+random walk up to the present.
 """
 
 from dataclasses import dataclass, replace
@@ -50,10 +52,10 @@ class _Refused:
 
 
 class BoundedMotion(StateStruct):
-    """Bounded-motion evidence of the bias: takes quiet seconds, and gives receipts for each complete stretch of 30 s.
+    """Bounded-motion evidence of the bias: takes quiet one-second blocks, and updates the filter after each 30 s stretch.
 
-    seconds: the present stretch so far.
-    refused: series of refused stretches that agree with each other, by kind of evidence.
+    seconds: data of the blocks of the present, unfinished stretch.
+    refused: by kind of evidence, a series of refused measurements that agree with each other.
     Raises ValueError for arrays of wrong shape.
     """
 
@@ -69,11 +71,12 @@ class BoundedMotion(StateStruct):
             shaped(refused.cov, 3, 3)
 
     def take(self, second: Second, bias: BiasFilter, up: Floats | None = None) -> list[Receipt]:
-        """Add the next second; at the end of a stretch, update the filter and return the receipts, else an empty list.
+        """Add the next one-second block; at the end of a 30 s stretch, update the filter and return the receipts.
 
-        bias: the filter, already predicted to the end of the second.
+        second: a block in which the device is quiet but not at rest.
+        bias: the filter, already predicted to the end of the block.
         up (3,): gravity in sensor axes, of any length; None without an accelerometer.
-        A stretch in which the body swings more than 10° gives no receipts.
+        Returns an empty list before the end of a stretch, and for a stretch in which the body swings more than 10°.
         """
         self.seconds.append(
             (second.start, second.end, second.mean, second.mean_var, second.common_var, bias.temperature_c)

@@ -7,17 +7,18 @@ States appended to the filter, all in the present sensor axes:
         accelerometer bias (3) m/s²
         relative change of the gyro matrix (9, row by row), no unit
 
-Over a span of T seconds, with rotation C and velocity change `push` from strapdown.py:
+A span is an uninterrupted stretch of about one second. Over a span of T seconds strapdown.py integrates the rotation C
+and the velocity change `push`, m/s:
 
     g' = C^T g,   v' = C^T (v + push - g T),   accelerometer bias and matrix stay.
 
 Gravity has no direct measurement. But the velocity of a wearer is bounded, so its mean over a span is measured as zero.
 A wrong bias tilts g, and a tilted g makes v grow without limit. So the bias becomes observable.
 
-The error of this measurement depends on the unrest of the span. Unrest is how far the velocity varies within the span,
-m/s, not the acceleration. The mean velocity is used because motion to and fro within a second cancels in it. A walker's
-velocity does not cancel, and stays the same for many seconds, which then count as one (steady_motion.py).
-The gyro's scale and misalignment are states, since 0.4 % of 100 °/s is more than any bias.
+The error of this measurement depends on the unrest of the span. Unrest is the rms variation of the velocity within the
+span, m/s. The mean velocity is used because motion to and fro within a second cancels in it. A walker's velocity does
+not cancel, and stays the same for many seconds. The variance of the measurement is then enlarged (steady_motion.py).
+The gyro's scale and misalignment are states, because an error of 0.4 % at 100 °/s is larger than a usual bias.
 Source: bounded-velocity aiding as in inertial navigation, P. D. Groves, "Principles of GNSS, Inertial, and Multisensor
 Integrated Navigation Systems", 2nd ed. (2013), ch. 15.
 """
@@ -46,10 +47,17 @@ _VELOCITY_SEEN = np.eye(SIZE)[VELOCITY]
 
 @dataclass(frozen=True, slots=True)
 class GravityKnobs:
-    """Noise settings of the gravity evidence: accelerations in m/s², velocities in m/s, angles in rad.
+    """Settings of the gravity evidence, as standard deviations if not stated otherwise.
 
-    accel_noise: m/s² per root Hz. accel_walk: m/s² per root second. accel_pose: m/s² per rad. way_share: rad per rad.
-    speed_per_unrest: m/s per m/s. doubt: NIS with 3 degrees of freedom.
+    speed, speed_per_unrest, fastest: mean speed of a wearer over a span, m/s. It is `speed` plus `speed_per_unrest`
+        times the unrest (m/s), at most `fastest`.
+    resting_speed: speed of a resting device, m/s.
+    doubt: gate of the measured velocity: NIS with 3 degrees of freedom above which R is enlarged.
+    way_share: rotation error per angle turned in a span, rad per rad.
+    accel_noise, accel_bias, accel_walk: accelerometer noise, m/s² per root Hz; its bias, m/s²; random walk of this
+        bias, m/s² per root second.
+    accel_pose: change of the accelerometer's error with attitude, m/s² per rad, and its largest value, m/s².
+    strength: magnitude of gravity at the start, m/s². first: largest error of the first gravity vector, m/s².
     """
 
     #: m/s, standard deviation of a wearer's mean speed over a span: without unrest, added for each m/s of unrest, and at most.
@@ -77,7 +85,7 @@ class GravityKnobs:
 
 
 class GravityState(StateStruct):
-    """State of the gravity evidence, beside the states in the filter.
+    """State of the gravity evidence, in addition to the states in the filter.
 
     known: True if gravity and velocity in the filter's state are current.
     lasting: detector of steady motion, as in walking.
@@ -116,12 +124,13 @@ class Gravity:
     def carry(
         self, span: Span, bias: BiasFilter, gyro_noise: float, unseen_turn: float = 0.0, unseen_push: float = 0.0
     ) -> Step:
-        """Prediction step over a span for `BiasFilter.predict`: gravity and velocity move, and gain noise.
+        """Prediction step over a span for `BiasFilter.predict`: propagates gravity and velocity, and adds their noise.
 
-        The span must have been integrated with the filter's own bias and matrix. If gravity is not known, it starts
-        from this span's mean acceleration.
+        span: integrals of about one second of readings, computed with the filter's own bias and matrix. If gravity is
+            not known, it starts from the mean acceleration of the span.
+        bias: the filter that has the states.
         gyro_noise: white noise of the rates, rad/s per root Hz.
-        unseen_turn, unseen_push: uncertainty from lost samples, rad and m/s, see `Second`.
+        unseen_turn, unseen_push: standard deviations of angle (rad) and velocity change (m/s) from lost samples.
         """
         if not self.state.known:
             self._begin(span, bias)
@@ -135,9 +144,10 @@ class Gravity:
         return Step(*carried(bias.x, bias.cov, span.rows, kept, G, noise))
 
     def evidence(self, span: Span, *, resting: bool) -> Evidence:
-        """Zero-velocity measurement (3,), m/s, for the span just propagated.
+        """Zero-velocity measurement (3,), m/s, for the span that `carry` has just propagated.
 
-        resting: True for a resting device; the measured velocity is then that at the end of the span, else its mean.
+        resting: True for a resting device: the velocity at the end of the span is measured as zero. False: the mean
+            velocity over the span is measured as zero.
         """
         if resting:
             return self._resting
@@ -150,8 +160,8 @@ class Gravity:
     def heard(self, receipt: Receipt, span: Span, *, resting: bool) -> None:
         """Pass the receipt of the zero-velocity measurement of a span to the steady-motion detector.
 
-        The detector restarts if the device rests or the test ratio is above 1, as with mirrored axes. Such a receipt
-        does not show walking.
+        If the device rests, or if the test ratio is above 1, the receipt does not show walking. The detector then only
+        forgets the previous innovation.
         """
         if resting or receipt.test_ratio > 1:
             self.state.lasting.before = None

@@ -1,7 +1,8 @@
-"""Integration error of a second with lost samples.
+"""Integration error of a one-second block with lost samples.
 
-The integral holds the first reading after a gap over the whole gap. The lost readings differ from it by the step
-between the readings around the gap. They also differ by a usual step between neighbours for each lost sample.
+The integral holds the first reading after a gap over the whole gap. The error has two parts: half of the difference
+between the readings on both sides of the gap, and an unknown change within the gap. The change within the gap is taken
+as the rms difference between neighbouring readings, times half of the number of lost samples.
 """
 
 import numpy as np
@@ -16,11 +17,11 @@ _LEAST = 5e-5
 
 
 def unseen(dt: Floats, reading: Floats, before: Floats) -> float:
-    """Rms error of the integral of readings from lost samples, in the readings' unit times s.
+    """Rms error of the integral of readings over a block with lost samples, in the readings' unit times s.
 
     dt (n,): time for which each reading is held, s.
     reading (n, k): gyro (rad/s) or accelerometer (m/s²) readings. before (k,): the reading before the first.
-    The caller rejects seconds with gaps above `seconds.GAP_S`.
+    Gaps longer than `seconds.GAP_S` (0.25 s) must be rejected before.
     """
     usual = max(float(np.median(dt)), _LEAST)
     holes = dt > HOLE * usual

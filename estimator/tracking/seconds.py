@@ -1,6 +1,6 @@
-"""Cutting of a sample stream into seconds, with a mark on seconds that are unfit for tracking.
+"""Blocks of one second: cuts a sample stream into blocks (`Second`), and marks blocks that are unfit for tracking.
 
-A second with clipped or stuck readings, or with a gap, does not measure rotation.
+A block with clipped or stuck readings, or with a gap of more than 0.25 s, does not measure rotation.
 """
 
 from math import radians
@@ -29,18 +29,19 @@ GAP_S = 0.25
 
 
 class Second(NamedTuple):
-    """One second of n samples in sensor axes, from `start` (time of the sample before) to `end`, device time in s.
+    """Block of about one second: n samples in sensor axes with their statistics.
 
+    start, end: device time of the sample before the block, and of its last sample, s.
     dt (n,): sample intervals, s. gyro (n, 3): rad/s. accel (n, 3): m/s², or None.
-    still: True if the whole second was judged still.
-    flaw: why the second does not measure rotation, or empty.
+    still: True if all of the block was judged still.
+    flaw: reason why the block does not measure rotation (`clipped`, `gap` or `stuck`), or empty.
     mean, std (3,): mean and standard deviation of the gyro readings, rad/s.
     mean_var (3,): variance of the mean at rest, (rad/s)². common_var (3,): its part from rounding, equal in all means.
-    noise_std (3,): standard deviation of one reading at rest as known then, rad/s.
+    noise_std (3,): standard deviation of one reading at rest, rad/s, as known at the end of the block.
     accel_mean, accel_std (3,): mean and standard deviation of the accelerometer readings, m/s², or None.
-    accel_strength: mean magnitude, m/s²; NaN without an accelerometer.
+    accel_strength: mean magnitude of the accelerometer readings, m/s²; NaN without an accelerometer.
     celsius: mean temperature, °C; NaN when unknown.
-    unseen_turn (rad), unseen_push (m/s): rms uncertainty of angle and velocity change from lost samples.
+    unseen_turn (rad), unseen_push (m/s): rms error of angle and velocity change from lost samples.
     last: number of the last sample, counted from the first one of the stream.
     """
 
@@ -66,18 +67,19 @@ class Second(NamedTuple):
 
     @property
     def samples(self) -> int:
-        """Number n of samples in the second."""
+        """Number n of samples in the block."""
         return len(self.dt)
 
 
 class SecondsState(StateStruct):
-    """Saved state of `Seconds`.
+    """Saved state of `Seconds`, the cutter of a stream into one-second blocks.
 
-    gathered (9,), waiting (k, 6): arrays `state` and `waiting` of second_cuts.py.
-    before (9,): last sample before the present second, or None: time (s), gyro (rad/s), accelerometer (m/s²), clipped,
+    gathered (9,), waiting (k, 6): state of the unfinished block, and the windows that wait for a judgement. Their
+        columns are those of `state` and `waiting` in kernels/second_cuts.py.
+    before (9,): last sample before the present block, or None: time (s), gyro (rad/s), accelerometer (m/s²), clipped,
         °C.
     step (3,): smallest difference between readings so far, rad/s.
-    noisy: per axis, True if the readings never repeat at rest.
+    noisy: for each axis, True if the readings never repeat at rest.
     """
 
     gathered: Floats
@@ -88,7 +90,10 @@ class SecondsState(StateStruct):
 
 
 class Seconds:
-    """Cutter of a stream of stillness windows into seconds. The cuts depend on the samples alone, not on their batches."""
+    """Cutter of a stream of stillness windows into one-second blocks.
+
+    The boundaries of the blocks depend on the samples alone, not on how the samples are split into calls.
+    """
 
     def __init__(self) -> None:
         self._state, self._waiting = nothing_gathered()
@@ -106,10 +111,10 @@ class Seconds:
         return SecondsState(self._state, waiting, self._before, self._step, (x, y, z))
 
     def restore(self, state: SecondsState, first: int, samples: Floats) -> None:
-        """Restore a saved state, with the samples that it still needs.
+        """Restore a saved state, with the samples of the unfinished block and of the waiting windows.
 
-        samples (n, 9): numbered from `first` on; time (s), gyro (rad/s), accelerometer (m/s²), clipped, temperature
-            (°C).
+        samples (n, 9): time (s), gyro (rad/s), accelerometer (m/s²), clipped, temperature (°C).
+        first: number of the first of these samples, counted from the first one of the stream.
         Raises ValueError when the state is damaged or needs other samples.
         """
         shaped(state.gathered, 9)
@@ -132,7 +137,10 @@ class Seconds:
         return int(self._state.item(-1))
 
     def take(self, windows: Windows) -> list[tuple[int, Second]]:
-        """Add the next windows; return the completed seconds, each with the index of its last window among these."""
+        """Add the next stillness windows; return the one-second blocks that they complete.
+
+        Each result is a pair: index in `windows` of the window that completed the block, and the block.
+        """
         if not len(windows):
             return []
         whole = cut(
@@ -147,7 +155,7 @@ class Seconds:
         return found
 
     def skip(self, windows: Windows) -> None:
-        """Leave out the next windows (one or more), and discard the unfinished second with all windows that wait."""
+        """Leave out one or more windows, and discard the unfinished block with all windows that wait for a judgement."""
         let_go(self._state, windows.moved)
         self._parts, self._before = [], windows.samples[1][-1]
 

@@ -1,7 +1,7 @@
-"""Rauch-Tung-Striebel smoother, by filterpy: later evidence improves earlier biases.
+"""Rauch-Tung-Striebel smoother, by filterpy: estimates each earlier bias (rad/s) with the evidence that came later.
 
-Stored for each second: the filter's first six states (bias and slope) after all evidence, and the prediction step from
-the second before.
+For each second it stores the filter's state after all updates, and the prediction step from the second before. Of the
+state it keeps the bias (3) rad/s and its slope by temperature (3) rad/s/K.
 """
 
 from bisect import bisect_right
@@ -35,9 +35,10 @@ class _Step:
 
 
 class History:
-    """Buffer of filter steps for smoothing.
+    """Buffer of filter steps for smoothing, one step a second.
 
-    most: largest number of steps, None without a limit. Beyond it, every second step is merged into the next.
+    most: largest number of steps, None without a limit. Beyond it, the number is halved: every second step is merged
+        into the step after it.
     """
 
     def __init__(self, most: int | None = None) -> None:
@@ -65,9 +66,10 @@ class History:
             self._thin()
 
     def doubt(self, cov: Floats, since: float, now: float) -> None:
-        """Add a covariance (3, 3), (rad/s)², to the stored bias walk, spread evenly over the steps from `since` to `now`.
+        """Enlarge the stored variance of the bias walk by a covariance (3, 3), (rad/s)², from device time `since` to `now`, s.
 
-        since, now: device times, s. With since -inf, the covariance is added to every stored state instead.
+        The covariance is spread evenly over the steps in this time. With since -inf, it is added to the covariance of
+        every stored state instead.
         """
         if np.isneginf(since):
             for step in self._steps:

@@ -25,9 +25,9 @@ _ONE = 2.0
 
 
 class SteadyMotion(StateStruct):
-    """Steady-motion detector: takes one velocity innovation per second of movement, and gives a factor for its variance.
+    """Steady-motion detector: takes one velocity innovation per second of movement, and gives a factor for its variance R.
 
-    shared: innovation correlation c, no unit.
+    shared: innovation correlation c (see the module), no unit.
     before: the previous innovation, m/s, or None.
     """
 
@@ -36,7 +36,11 @@ class SteadyMotion(StateStruct):
 
     @property
     def factor(self) -> float:
-        """Factor, 1 to 160, on the variance R, (m/s)², of a velocity that is independent from second to second."""
+        """Factor, 1 to 160, no unit, by which R must be enlarged because successive velocity errors are correlated.
+
+        R is the variance of the measured velocity, (m/s)², under the assumption of errors that are independent from
+        second to second.
+        """
         return min(_MOST, 1.0 + _GROWTH * max(0.0, self.shared - _BOUNDED))
 
     def heard(self, innovation: Floats, var: float, end: Floats, seconds: float) -> None:

@@ -64,7 +64,7 @@ class Thermometer(StateStruct):
         del kept[:-_KEPT]
 
     def ahead(self, time: float, celsius: float) -> float:
-        """Average, °C, that a reading `celsius` (°C) at device time `time` (s) would give, without adding the reading.
+        """Predict the average, °C, after a reading `celsius` (°C) at device time `time` (s), without adding the reading.
 
         A reading too far from the present average leaves the average unchanged.
         """
@@ -89,7 +89,10 @@ class Thermometer(StateStruct):
             self.averages.append((time, celsius))
 
     def go_on_with(self, time: float, celsius: float, lag: float) -> None:
-        """Add a reading, °C, at a device time, s; after a first reading, the average begins `lag` K below the reading."""
+        """Add a temperature reading, °C, at a device time, s; a first reading starts the average at the reading minus `lag`.
+
+        lag: latest reading minus the average, K, as saved earlier in `BiasState.lag_k`.
+        """
         first = not self.averages
         self.read(time, celsius)
         if first:

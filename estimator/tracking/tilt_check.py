@@ -17,17 +17,18 @@ SETTLED_S = 5.0
 
 
 class TiltCheck(StateStruct):
-    """Tilt check: takes quiet seconds, and detects a slow tilt of the device. Restarts when the device moves.
+    """Tilt check: takes quiet one-second blocks, and detects a slow tilt of the device; replaced by a new one on movement.
 
-    seen: True while gravity turns.
-    means: recent tuples of device time (s), mean accelerometer reading (3) m/s², and its variance per axis, m²/s⁴.
+    seen: True while gravity turns, and until it was constant for 5 s.
+    means: blocks of the last 10 s, as tuples of device time (s), mean accelerometer reading (3) m/s², and its variance
+        per axis, m²/s⁴.
     """
 
     seen: bool = False
     means: list[tuple[float, tuple[float, float, float], float]] = msgspec.field(default_factory=list)
 
     def watch(self, second: Second) -> bool:
-        """Add a quiet second; return True if gravity has turned since the device became quiet, or within the last 10 s.
+        """Add a quiet one-second block; return True if gravity has turned since the first block of the last 10 s.
 
         The limit is 4 standard deviations of the angle. False without accelerometer readings.
         """
@@ -54,7 +55,7 @@ class TiltCheck(StateStruct):
         return turned
 
     def would_show(self, rate: float, second: Second) -> bool:
-        """Return True if a tilting turn at this rate, rad/s, would have been detected by the end of this second."""
+        """Return True if the check would already have detected a tilting turn at this rate, rad/s, by the end of the block."""
         seen_s = (second.start + second.end) / 2 - (self.means[0][0] if self.means else 0.0)
         least = (SIGMAS + 1) * sqrt(2) * ACCEL_FLOOR / G
         return bool(seen_s >= min(least / rate, OVER_S - 1.5))

@@ -10,8 +10,15 @@ from estimator.tracking.gravity import GravityKnobs
 
 @dataclass(frozen=True, slots=True)
 class TrackKnobs:
-    """Settings of the bias tracker: times in device seconds, rates in rad/s, accelerations in m/s².
+    """Settings of the bias tracker, with those of its bias filter (`bias`) and gravity evidence (`gravity`).
 
+    bias_std: standard deviation of the bias, rad/s, above which the bias counts as unknown.
+    usual_bias: standard deviation of the turn-on bias of most gyros, rad/s.
+    refuted_sigmas: difference between the slope by temperature and the temperature law, in standard deviations, at
+        which the law is given up.
+    quiet_gyro, quiet_accel: standard deviations of the readings, rad/s and m/s², below which a device is quiet.
+    gap_s, settled_s: a gap in the evidence of at least gap_s seconds is smoothed, after evidence for settled_s seconds.
+    history: number of seconds stored for smoothing; None stores all.
     learn_matrix: True to use the gyro matrix that the gravity evidence estimates while the device is worn.
     """
 

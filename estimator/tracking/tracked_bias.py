@@ -29,15 +29,16 @@ _LEFT = 0.8
 
 
 class TrackerState(StateStruct):
-    """Saved state of a tracker without the smoother's history, which restarts after a restore.
+    """Saved state of a tracker, without the stored history of the smoother, which begins anew after a restore.
 
     law_refuted: True if this boot's bias contradicts the temperature law.
     evidenced: True if a rest of this boot is known.
     evidence_time: device time of the last accepted rest, s.
     gap: start and end of the latest gap in the evidence that is not yet smoothed, device time in s, or None.
-    kept: restored bias state, until the stream reaches its time; else None.
-    supposed (2, 3): prior mean and standard deviation, rad/s, of a bias that is still based on the gyro model alone;
-        else None.
+    kept: restored bias state, until the samples reach its device time; else None.
+    supposed (2, 3): mean and standard deviation of the prior, rad/s, while the bias comes from the gyro model. None
+        after a calibration or a restore.
+    The other fields are the states of the tracker's parts, such as filter, ZARU and thermometer.
     """
 
     filter: FilterState
@@ -61,9 +62,10 @@ class TrackerState(StateStruct):
 class TrackedBias:
     """Tracked bias of one boot with its uncertainty, and the reasons to doubt or trust it.
 
-    began: device time of the start, s. model: gyro model at that time.
+    began: device time of the start, s. model: gyro model at that time, with the first bias.
     bias_std (3,): standard deviation of the model's bias, rad/s.
-    law: temperature law from earlier boots. It is given up for the rest of the boot when the evidence contradicts it.
+    law: temperature law from earlier boots, or None. It is given up for the rest of the boot when the evidence
+        contradicts it.
     """
 
     def __init__(
@@ -92,7 +94,7 @@ class TrackedBias:
         self._kept: BiasState | None = None  # restored state, until the stream reaches the time it was saved at
 
     def saved(self) -> TrackerState:
-        """State to save for `go_on`. Encode it at once, because it shares its parts with the running tracker."""
+        """State to save for `go_on`. It must be encoded at once, because it is not a copy: the tracker continues to change it."""
         return TrackerState(
             self._filter.saved,
             self.law,
@@ -113,12 +115,12 @@ class TrackedBias:
         )
 
     def go_on(self, saved: TrackerState, model: GyroModel, first: int, samples: Floats) -> None:
-        """Restore a saved state exactly.
+        """Restore a state saved by `saved`; the tracker then continues as if it had not stopped.
 
         model: the gyro model in use.
         samples (n, 9): the samples still needed; time (s), gyro (rad/s), accelerometer (m/s²), clipped, temperature
             (°C).
-        first: number of the first of these samples.
+        first: number of the first of these samples, counted from the first one of the stream.
         Raises ValueError when the state is damaged; the tracker is then unusable.
         """
         self._model, self.law, self.law_refuted = model, saved.law, saved.law_refuted
@@ -141,19 +143,20 @@ class TrackedBias:
 
     @property
     def worth_keeping(self) -> BiasState:
-        """Bias state to store for a restart: the current one, or the restored one until the stream reaches its time."""
+        """Bias state to store for a restart: the current one, or a restored one until the samples reach its device time."""
         return replace(self.state, lag_k=self.thermometer.lag) if self._kept is None else self._kept
 
     @property
     def time(self) -> float:
-        """Device time at the end of the last tracked second, s."""
+        """Device time of the bias estimate, s: the end of the last one-second block that was processed."""
         return self._filter.time
 
     @property
     def bias(self) -> Floats:
         """Estimated bias (3,), the reading at zero rate, rad/s.
 
-        Axes without evidence stay near a usual turn-on bias.
+        Until this boot has evidence for an axis, a bias from the gyro model alone changes little there: see
+        usual_bias.py.
         """
         return self._usual(self._filter)
 
@@ -187,11 +190,12 @@ class TrackedBias:
 
     @property
     def taught(self) -> Floats | None:
-        """Correction of the gyro matrix estimated from gravity, (21,); None before the first accelerometer readings.
+        """Estimate of gyro matrix errors and accelerometer errors from gravity, (21,); None before accelerometer readings.
 
-        Order: relative change of the matrix (9, by rows), rms errors of the changed matrix (9, relative), rms errors of
-            the accelerometer (3, m/s²).
-        The change is zero until every scale factor is known to 1 %.
+        Elements: relative change of the matrix (9, by rows), standard deviations of the changed matrix (9, relative),
+        rms errors of the accelerometer (3, m/s²).
+        The change is zero until every scale factor has a standard deviation below 1 %. The standard deviations then
+        include the change that is left out.
         """
         if len(self._filter.x) == OWN:
             return None
@@ -211,10 +215,12 @@ class TrackedBias:
 
     @property
     def surer(self) -> bool:
-        """True if gravity has determined the matrix better than it was known before, so that the correction can be used.
+        """True if gravity has determined the gyro matrix better than the model did, so that its correction can be used.
 
-        Requires that the summed variance of the matrix elements is below 0.8 of its earlier value. False when
-        `TrackKnobs.learn_matrix` is off, or when any evidence contradicts the bias or the accelerometer.
+        Requires that the summed variance of the nine elements is below 0.8 of that of the model. Every scale factor
+        must be known to 1 %, and the bias to `TrackKnobs.bias_std`.
+        False when `TrackKnobs.learn_matrix` is off, while the bias is doubted, or while the accelerometer contradicts
+        the bias.
         """
         if not self.knobs.learn_matrix or len(self._filter.x) == OWN or not self._scale_known:
             return False
@@ -245,17 +251,18 @@ class TrackedBias:
         return {**spikes, **disbelieved}
 
     def smoothed(self, since: float = -np.inf) -> Smoothed | None:
-        """Smoothed bias of each second after device time `since`, s; None without data.
+        """Smoothed bias, rad/s, at every stored second after device time `since`, s; None without data.
 
-        Its standard deviation is enlarged like `std`.
+        The standard deviation is multiplied by the same factor for overconfidence as that of `std`.
         """
         found = self._history.smoothed(since)
         return None if found is None else replace(found, std=found.std * self.doubt.consistency.inflation)
 
     def improved(self) -> tuple[float, Smoothed] | None:
-        """Length of the last gap in the evidence, s, and the smoothed bias since its start.
+        """Length of the last gap in the accepted evidence, s, and the smoothed bias (rad/s) since its start; once for each gap.
 
-        The result comes once after each gap; otherwise None.
+        A gap has at least `TrackKnobs.gap_s` seconds without an accepted measurement at rest or in quiet motion.
+        Returns None without a new gap, and until the evidence after the gap has lasted `TrackKnobs.settled_s` seconds.
         """
         if self._gap is None or self._evidence_time - self._gap[1] < self.knobs.settled_s:
             return None
@@ -264,7 +271,7 @@ class TrackedBias:
         return None if smoothed is None else (end - begin, smoothed)
 
     def supposed(self, model: GyroModel, bias_std: Floats, time: float) -> None:
-        """Restart from a gyro model's bias, as prior without any evidence of this boot.
+        """Restart tracking from the bias of a gyro model, as a prior without any evidence of this boot.
 
         bias_std (3,): standard deviation of this bias, rad/s. time: device time, s.
         """
@@ -272,13 +279,16 @@ class TrackedBias:
         self._supposed = np.array([model.bias, bias_std])
 
     def rescaled(self, model: GyroModel) -> None:
-        """Replace the gyro model's matrix and its uncertainty; the tracked bias is kept."""
+        """Replace the gyro model's matrix; the tracked bias is kept, and the gravity evidence begins anew."""
         self._model = model
         if len(self._filter.x) > OWN:
             self._filter.extend(self._gravity.extend(self._filter.state, model.scale_std, model.cross_std))
 
     def corrected_by(self, model: GyroModel) -> None:
-        """Use a gyro model with a matrix estimated from gravity (see `surer`); tracking continues."""
+        """Use a gyro model whose matrix includes the correction estimated from gravity (see `surer`); tracking continues.
+
+        The tracked relative change of the matrix is set to zero; its covariance is kept.
+        """
         self._model = model
         x = self._filter.x.copy()
         x[MATRIX] = 0.0
@@ -305,7 +315,7 @@ class TrackedBias:
             self._filter.look_back(self._kept, now, celsius)
 
     def expect(self, law: TemperatureLaw, *, learnt: bool) -> None:
-        """Use a temperature law from now on; its slope replaces the tracked one.
+        """Use a temperature law from now on; its slope (rad/s/K) replaces the tracked one.
 
         learnt: True if the tracked slope was estimated under this law; the slope is then kept.
         """

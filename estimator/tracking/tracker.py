@@ -1,4 +1,4 @@
-"""Bias tracker of one boot: updates the bias from seconds of samples, by all kinds of evidence."""
+"""Bias tracker of one boot: updates the bias (rad/s) with every kind of evidence, from blocks of one second of samples."""
 
 from dataclasses import dataclass
 from math import sqrt
@@ -36,7 +36,7 @@ class RestBias:
 
 
 class Tracker(TrackedBias):
-    """Bias tracker of one boot: takes seconds of samples; gives bias, uncertainty, and reasons to doubt or trust the bias."""
+    """Bias tracker of one boot: takes one-second blocks of samples; gives the bias, its uncertainty, and reasons to doubt it."""
 
     def calibrated(self, model: GyroModel, cov: Floats, time: float, rest: RestBias) -> None:
         """Restart from a calibration: its bias with covariance cov (3, 3), (rad/s)², at device time `time`, s.
@@ -63,7 +63,10 @@ class Tracker(TrackedBias):
         self.doubt.anew()
 
     def learn(self, second: Second) -> list[Receipt]:
-        """Update bias, temperature and gravity from the next second; return the filter's receipts of rests, if any."""
+        """Update bias, temperature and gravity from the next one-second block of samples.
+
+        Returns the receipts of the measurements of the bias at rest or in quiet motion, possibly none.
+        """
         self.thermometer.read(second.end, second.celsius)
         receipts = self._second(second)
         if heard := [*self._zaru.judged(), *receipts]:

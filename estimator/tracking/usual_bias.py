@@ -19,8 +19,8 @@ def nearer(bias: Floats, cov: Floats, mean: Floats, wide_std: Floats, usual_std:
     bias (3,), cov (3, 3): the estimate under the wide prior, rad/s, and its covariance, (rad/s)².
     mean (3,): mean of both priors, rad/s.
     wide_std (3,), usual_std: standard deviations of the wide and the narrow prior, rad/s.
-    Returns `bias` unchanged when it is known well, when it contradicts the narrow prior, or when the wide prior is not
-    wider.
+    Returns `bias` unchanged in three cases. Its variance is below a thousandth of usual_std² on every axis; it
+    contradicts the narrow prior; or the wide prior is not wider than the narrow one.
     """
     if max(cov.diagonal().tolist()) < _KNOWN * usual_std**2 or not min(wide_std.tolist()) > usual_std:
         return bias

@@ -33,13 +33,13 @@ _N = len(_FACTORS)
 
 
 class WalkRate(StateStruct):
-    """Bank of h random-walk hypotheses of one boot: takes rests, and gives `pace`, a factor on the variance of the walk.
+    """Bank of h hypotheses of one boot's rate random walk: takes rests, and gives `pace`, a factor on the walk's variance.
 
-    told (h,): log-likelihoods.
+    told (h,): log-likelihood of each hypothesis.
     x (h, 3), P (h, 3): mean of the bias, rad/s, and its variance, (rad/s)², under each hypothesis.
     time, celsius: device time (s) and temperature (°C) of the last measurement.
-    block: seconds of the next measurement so far, as tuples of end (s), mean (3,) rad/s, its variance (3,) (rad/s)²,
-        and °C.
+    block: up to four seconds of rest that wait for the fifth, as tuples. Each has end (s), mean (3,) rad/s, its
+        variance (3,) (rad/s)², and temperature (°C).
     Raises ValueError for arrays of wrong shape.
     """
 
@@ -59,10 +59,11 @@ class WalkRate(StateStruct):
             shaped(var, 3, finite=True)
 
     def take(self, second: Second, bias: BiasState, knobs: BiasKnobs, powered: float) -> bool:
-        """Add a second of rest; after every five in a row, update `pace` from their mean and return True, else False.
+        """Add a one-second block of rest; every five in a row give one measurement of the bias, their mean.
 
-        bias: state of the bias filter at the end of the second. knobs: its settings.
+        bias: state of the bias filter at the end of the block. knobs: settings of the filter.
         powered: device time of power-up, s. With -inf (unknown), no warm-up drift is expected.
+        Returns True if a measurement was made, so that `pace` has changed.
         """
         block = self.block
         if block and second.start - block[-1][0] > _SAME_S:
@@ -96,7 +97,10 @@ class WalkRate(StateStruct):
 
     @property
     def pace(self) -> float:
-        """Factor, no unit, on the variance of the bias's random walk in this boot."""
+        """Factor, no unit, by which the variance of the bias's random walk in this boot differs from the model's.
+
+        It is the geometric mean of the factors of all hypotheses, weighted by their probabilities.
+        """
         logs = _PRIOR + self.told
         likely = np.exp(logs - logs.max())
         return float(np.exp(likely @ np.log(_FACTORS) / likely.sum()))

@@ -6,7 +6,7 @@ With an accelerometer, gravity splits a rest into two parts.
 - Vertical part: a turn about the vertical is invisible, and a bed or chair can turn slowly and evenly. This part must
     pass its gate. If it stays outside the gate but constant for two minutes, it is accepted.
 
-In another pose the same axis becomes horizontal.
+The same gyro axis is vertical in one pose and horizontal in another, where its bias is checked.
 """
 
 from collections.abc import Iterable
@@ -37,21 +37,23 @@ INSISTED, JUMPED = "insisted", "jumped"
 
 
 class Zaru(StateStruct):
-    """ZARU evidence: takes seconds of rest, updates one BiasFilter, and gives receipts.
+    """ZARU evidence: takes one-second blocks of rest, updates one BiasFilter, and gives receipts.
 
-    means (k, 2, 3): mean (rad/s) and its variance ((rad/s)²) of the latest quiet seconds.
-    quiet, rests: quiet seconds, and seconds of rest, in a row.
-    quiet_until: end of the last quiet second, device time in s.
-    gap_s: seconds for which the device moved before this rest.
-    proven: True if the latest second belongs to a proven rest, one long enough to exclude a breath.
+    A quiet block has little scatter; a block of rest is also free of breathing and swaying.
+    means (k, 2, 3): mean (rad/s) and its variance ((rad/s)²) of the latest quiet blocks, at most eight.
+    quiet, rests: number of quiet blocks, and of blocks of rest, in a row.
+    quiet_until: end of the last quiet block, device time in s.
+    gap_s: length of the latest gap of 5 s or more between quiet blocks, s.
+    proven: True if the latest block belongs to a proven rest, which is long enough to exclude a breath.
     rested: True if a rest was proven since a restart.
     ever_proven: True if any rest was proven, or the bias was known at the start.
-    blind: True if samples were missing and no rest has been seen since.
-    surprised: kinds of evidence already checked after the latest gap.
-    in_question: variance, (rad/s)², of a bias accepted only because it persisted.
+    blind: True if samples were missing and no rest has been recognised since.
+    surprised: kinds of evidence already checked for a large innovation since the latest gap.
+    in_question: remaining variance, (rad/s)², of a bias that was accepted only because a contradiction lasted two
+        minutes.
     waiting: measurements that will be judged together with the following ones.
-    contradiction: start (s), z (rad/s) and R ((rad/s)²) of a persistent contradiction, or None.
-    receipts_before, receipts_late: receipts not yet fetched, see `surprises` and `judged`.
+    contradiction: start (s), z (rad/s) and R ((rad/s)²) of a contradiction that lasts, or None.
+    receipts_before, receipts_late: receipts that `surprises` and `judged` will return next.
     Raises ValueError for a damaged state.
     """
 
@@ -89,23 +91,28 @@ class Zaru(StateStruct):
             shaped(R, len(z), len(z))
 
     def moved(self, bias: BiasFilter) -> None:
-        """End the rest because the device moves: judge the waiting measurements now, and drop persistent contradictions."""
+        """End the rest because the device moves.
+
+        Measurements that wait are judged now, and update `bias` if they pass. A contradiction that lasts is dropped.
+        """
         self.in_question, self.contradiction, self.blind = 0.0, None, False
         self._over(bias)
 
     def unseen(self, bias: BiasFilter, seconds: float) -> None:
-        """End the rest after `seconds` without usable samples: judge the waiting measurements now.
+        """End the rest after `seconds` without usable samples.
 
-        The device may still rest, so a persistent contradiction stays open.
+        Measurements that wait are judged now, and update `bias` if they pass. The device may still rest, so a
+        contradiction is kept, without counting these seconds.
         """
         self._lengthen(seconds)
         self.blind = True
         self._over(bias)
 
     def interrupted(self, bias: BiasFilter, seconds: float) -> None:
-        """Note `seconds` in which the device was quiet but not at rest; judge the waiting measurements now.
+        """Process `seconds` in which the device was quiet but not at rest, for example because the wearer breathes.
 
-        A persistent contradiction is dropped, unless samples were missing and no rest has been seen since.
+        Measurements that wait are judged now, and update `bias` if they pass. A contradiction that lasts is dropped. It
+        is kept if samples were missing and no rest has been recognised since.
         """
         if self.blind:  # stillness is recognised only some time after a hole
             self._lengthen(seconds)
@@ -133,17 +140,29 @@ class Zaru(StateStruct):
             self.receipts_late.append(self._late(bias))
 
     def judged(self) -> list[Receipt]:
-        """Fetch, once each, the receipts of measurements that still waited when their rest ended."""
+        """Return the receipts of measurements that were judged only when their rest ended, and remove them from the list.
+
+        Each receipt is returned once.
+        """
         receipts, self.receipts_late = self.receipts_late, []
         return receipts
 
     def surprises(self) -> list[Receipt]:
-        """Fetch, once each, the receipts of surprising measurements from before the bias covariance was enlarged for them."""
+        """Return the receipts of measurements with an improbably large innovation after a gap, and remove them from the list.
+
+        Such an innovation is taken for a bias change in the gap, and the filter's bias covariance is then enlarged.
+        Each receipt holds innovation (rad/s), innovation covariance ((rad/s)²) and NIS as computed before this
+        enlargement.
+        """
         receipts, self.receipts_before = self.receipts_before, []
         return receipts
 
     def at_rest(self, second: Second) -> bool:
-        """Note a quiet second; return True if it belongs to a rest, rather than to breathing or swaying."""
+        """Add a quiet one-second block; return True if it belongs to a rest, and not to breathing or swaying.
+
+        The device is at rest if the block was judged still, and if the means of the latest quiet blocks agree within
+        their noise.
+        """
         self.quiet += 1
         latest = np.array([[second.mean, second.mean_var]])
         self.means = np.concatenate([self.means[1 - _RECENT :], latest])
@@ -161,11 +180,12 @@ class Zaru(StateStruct):
     def take(
         self, second: Second, bias: BiasFilter, up: Floats | None, gravity: Evidence | None = None
     ) -> tuple[list[Receipt], Receipt | None]:
-        """Update the filter with a second of rest and, within the rest, with the gravity evidence.
+        """Update the filter with a one-second block of rest and, in the same call, with the gravity evidence.
 
+        second: a block for which `at_rest` returned True. bias: the filter.
         up (3,): gravity in sensor axes, of any length; None without an accelerometer.
-        gravity: gravity evidence, applied in one step with the horizontal part of the rest, or None.
-        Returns the receipts of the rest, and the receipt of the gravity evidence or None.
+        gravity: gravity evidence, applied in one joint update with the horizontal part of the rest, or None.
+        Returns two results: receipts of the rest, and the receipt of the gravity evidence or None.
         """
         # For a gyro alone a rest may be a slow passage of a movement, until it continues.
         proven = self.proven = self.quiet >= limits.PROVEN_AFTER and (up is not None or self.rests > 1)

@@ -1,4 +1,4 @@
-"""Limits for rests as evidence of the bias (zaru.py): assumed motion of a resting body (rad/s), times (s) and gates."""
+"""Limits for rests as evidence of the bias (zaru.py): assumed motion of a resting body (rad/s), times (s) and NIS gates."""
 
 from math import radians
 

@@ -10,10 +10,10 @@ from estimator.study.trials import METHODS, WORDS
 
 
 def sensor(found: Sensors, name: str) -> Figure:
-    """Draw the differences of k (no unit) and b (°/s) from the truth by method, for one sensor.
+    """Draw the errors of scale factors k (no unit) and b (°/s) by method, for one sensor; return the figure.
 
     One column per axis with k, k enlarged, and b. Each shows median and 95 % of each method's sessions, beside the
-    paper's values.
+    paper's values. The paper's b is minus the bias.
     """
     figure = Figure(figsize=(11, 9.2))
     n = max(one.sessions for one in found.sessions)
