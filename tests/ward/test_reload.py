@@ -63,6 +63,6 @@ def test_a_ward_with_certificates_takes_a_change_and_refuses_a_fault(
         ]
         reloaded(more.replace("truerate.sqlite3", "other.sqlite3"), 1, in_force[0], *waits[1:])
         reloaded(more.replace('"simulated"', '"simulate"'), 2, "unknown driver 'simulate'; did you mean 'simulated'?")
-        until("bridge", lambda: "earlier one stays in force" in ward.log("bridge"), ward)
+        until("bridge", lambda: "earlier settings stay in force" in ward.log("bridge"), ward)
         reloaded(more, 0, *in_force)
     assert not ward.complaints

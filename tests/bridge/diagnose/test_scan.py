@@ -91,7 +91,7 @@ def test_a_capture_is_examined_to_its_end(tmp_path: Path) -> None:
     [
         ("witmotion", motion(0x53, (1, 2, 3)), "sends no gyro readings"),
         ("mtdata2", message(0x36, reals(0x8030, (1, 0, 0, 0))), "sends no gyro readings"),
-        ("mtdata2", message(0x36, item(0xA010, bytes(20))), "sends its gyro as raw counts"),
+        ("mtdata2", message(0x36, item(0xA010, bytes(20))), "sends raw gyro counts"),
         ("mtdata2", message(0x32, bytes(30)), "sends legacy MTData"),
     ],
 )
