@@ -50,13 +50,18 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     verb.add_argument(
         "--soon",
         action="store_true",
-        help="renew every certificate that ends within 14 days; if its lifetime is under 6 weeks, in its last third",
+        help="renew every certificate that expires within 14 days, or, with a lifetime under 6 weeks, in its last third",
     )
     verb.add_argument("--days", type=int, help="lifetime in days from now (default: as before)")
     verb = _verb(inner, "revoke", _revoke, "revoke a certificate, for example after its key was stolen", 1)
     verb.add_argument("--reason", default="", help="reason, kept in the list of revoked names")
     _verb(inner, "revoke-list", _revoke_list, "list the revoked names, with time and reason")
-    verb = _verb(inner, "show", _show, "list the certificates and their ends; exit code 1 if one has to be renewed")
+    verb = _verb(
+        inner,
+        "show",
+        _show,
+        "list the certificates and their expiry dates; exit code 1 if a certificate has to be renewed",
+    )
     verb.add_argument("--json", action="store_true", help="print one JSON object")
     verb = _verb(
         inner, "router", _router, "print a router's file, with access rules, for `truerate router` and zenohd", 1

@@ -66,7 +66,7 @@ CONVERT = """examples:
 def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     """Add `record` and `recording` to the command; each verb sets `run(args) -> exit code`."""
     verb = add_verb(verbs, "record", _record, "record all data of a ward to MCAP files until stopped (Ctrl-C)", RECORD)
-    add_ward(verb, "the ward's file (TOML): gives the ward's name, the routers and the table [recorder]")
+    add_ward(verb, "the ward file (TOML): gives the ward's name, the routers and the table [recorder]")
     verb.add_argument(
         "--out", dest="folder", metavar="DIR", help="folder of the recordings; must exist (default: recordings)"
     )
@@ -137,7 +137,7 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
         inner,
         "inspect",
         _inspect,
-        "show how truerate reads a file: rate, gaps, noise, gravity, doubts",
+        "show how truerate reads a file: rate, gaps, noise, gravity, warnings",
         INSPECT,
     )
     verb.add_argument("file", type=Path, metavar="FILE", help="recording, a file or a folder: see docs/recording.md")
@@ -153,7 +153,11 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
         CONVERT,
     )
     verb.add_argument(
-        "files", type=Path, nargs="+", metavar="IN", help="recording, or captured bytes of a device; for .sto several"
+        "files",
+        type=Path,
+        nargs="+",
+        metavar="IN",
+        help="recording, or captured bytes of a device; for .sto also several recordings",
     )
     verb.add_argument(
         "out", type=Path, metavar="OUT", help="new file, .npz, .csv, .h5, .parquet, .mcap or .sto; must not exist"
@@ -299,7 +303,9 @@ def _convert(given: argparse.Namespace) -> None:
         _opensim(given)
         return
     if len(given.files) > 1 or given.segment or given.skip:
-        raise ConfigError(f"{given.out}: several recordings, --segment and --skip are for .sto: give one recording")
+        raise ConfigError(
+            f"{given.out}: only .sto takes several recordings, --segment or --skip: give one recording without these options"
+        )
     given.file = given.files[0]
     if given.per_sample and not _per_sample(given):
         return

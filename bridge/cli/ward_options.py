@@ -12,7 +12,7 @@ R = TypeVar("R", bound=Root)
 
 
 def add_ward(
-    verb: argparse.ArgumentParser, config: str = "the ward's file (TOML): gives the ward's name and the routers"
+    verb: argparse.ArgumentParser, config: str = "the ward file (TOML): gives the ward's name and the routers"
 ) -> None:
     """Add the options --config, --ward and --connect, which select a ward and its routers.
 

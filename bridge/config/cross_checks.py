@@ -81,7 +81,7 @@ def _of_ward(root: Root, now: datetime) -> Iterator[str]:
         if (member := _member(identity)) is not None:
             roles.add(member.role)
             if member.role in tables and tables[member.role] is None and not root.bus.pki:
-                yield f"[bus]: the certificate is for {member.label}; [{member.role.value}]: there is no such table"
+                yield f"[bus]: the certificate is for {member.label}, but this file has no table [{member.role.value}]"
     # With one certificate, the file may have further tables beside that of the certificate's role.
     for role, table in tables.items():
         if table is not None and role in roles:

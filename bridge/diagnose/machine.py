@@ -46,7 +46,7 @@ def clock(status: int | None) -> list[Finding]:
         return [warning("clock", "its synchronisation is unknown", "see `timedatectl`")]
     if status & _UNSYNCHRONISED:
         return [
-            warning("clock", "not synchronised with another clock", "sudo timedatectl set-ntp true, or install chrony")
+            warning("clock", "not synchronised with a time server", "sudo timedatectl set-ntp true, or install chrony")
         ]
     return [ok("clock", "synchronised")]
 

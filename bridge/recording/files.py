@@ -89,7 +89,9 @@ class Folder:
                 with contextlib.suppress(FileExistsError):
                     return Output(path)
         raise FileExistsError(
-            errno.EEXIST, "a thousand files with this second in their name exist already", str(self.path)
+            errno.EEXIST,
+            "1000 recordings with this second in their names exist already: move them away",
+            str(self.path),
         )
 
     def free_bytes(self) -> int:

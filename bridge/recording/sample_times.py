@@ -61,11 +61,11 @@ def _assumed(path: Path, rate: float | None, reading: Reading, notes: list[str])
     """Return the rate of a file without sample times. Raises RecordingError."""
     if rate is None:
         raise RecordingError(
-            f"{path}: neither sample times nor 'rate_hz': give the rate with --rate-hz, or as rate_hz in a ward's file"
+            f"{path}: neither sample times nor 'rate_hz': give the rate with --rate-hz, or as rate_hz in a ward file"
         )
     if reading.rate_hz is not None:
         notes.append(
-            f"there are no sample times: the given {rate:g} Hz is assumed; a wrong rate makes scale factors wrong alike"
+            f"there are no sample times: the given {rate:g} Hz is assumed; a wrong rate makes all scale factors wrong"
         )
     return rate
 

@@ -28,13 +28,13 @@ _HOURS = re.compile(r"([01]\d|2[0-3]):([0-5]\d)-([01]\d|2[0-3]):([0-5]\d)\Z")
 
 
 class Alerts(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Alerts: hold times, quiet hours, and where alerts are sent. The page shows alerts in any case."""
+    """Alerts: hold times, quiet hours, and where alerts are sent. The page always shows all alerts."""
 
-    #: seconds until a trouble is an alert, by kind: `{ lost = 120, uncalibrated = 1800 }`; docs/alerts.md has the defaults
+    #: seconds after which a problem becomes an alert, by kind: `{ lost = 120, uncalibrated = 1800 }`; defaults: docs/alerts.md
     hold_s: dict[str, float] = {}
-    #: seconds of well-being after which an alert is cleared; a trouble that returns within them is the same trouble
+    #: seconds without the problem until its alert is cleared; a problem that returns earlier continues the same alert
     clear_s: float = 60.0
-    #: hours of this machine's clock without sound and sending, for example `22:00-06:00`; sent afterwards if it still holds
+    #: local hours without sound or messages, for example `22:00-06:00`; alerts that still stand are sent afterwards
     quiet_hours: str = ""
     #: file with addresses for apprise, one a line: mail, ntfy, webhook; mode 0600, since an address holds a password
     urls_file: str = ""

@@ -127,7 +127,9 @@ class Intake:
         if ruling is Ruling.RANGE:
             if device.session.count_event("refused leap") == 1:
                 log.warning(
-                    "%s: sample number %d is refused: no device skips so many numbers", device.name, batch.sequence
+                    "%s: sample number %d is refused: it is too far from the earlier numbers",
+                    device.name,
+                    batch.sequence,
                 )
             return
         if ruling in BEGINS:

@@ -268,13 +268,13 @@ def run(console: Console, runs: int, method: str, workers: int | None) -> None:
         table.add(f"undetectable: {kind}", *(str(count[kind]) for count in (seen, accepted, wrong, too_sure)))
     console.print(table)
     console.print(
-        "wrong: accepted with a scale factor off by more than 1 % and 4 std, or with nothing that could be right; too sure: "
-        "off by more than 0.2 % and 5 std"
+        "wrong: accepted, although a scale factor is off by more than 1 % and 4 std, or no result could be right. "
+        "too sure: off by more than 0.2 % and 5 std"
     )
     refused, accepted_wrong = runs - accepted[GOOD], sum(wrong[kind] for kind in (GOOD, *kinds))
     console.print(
-        f"{refused} of {runs} good sessions refused ({100 * refused / runs:.2f} %); {accepted_wrong} wrong ones accepted, "
-        "the undetectable left out: their results say that they are right if the turns were exactly 360°"
+        f"{refused} of {runs} good sessions refused ({100 * refused / runs:.2f} %); {accepted_wrong} wrong ones accepted. "
+        "Undetectable ones do not count: their results state that each turn is assumed to be exactly 360°"
     )
 
 

@@ -121,7 +121,7 @@ def test_so_many_viewers_from_one_address_and_a_further_one_is_told(
             third.receive_text()
         assert (gone.value.code, gone.value.reason) == (
             1013,
-            "2 pages look already from testclient; this one tries again",
+            "2 pages are open already from testclient; this page tries again",
         )
     with asking.client.websocket_connect(LIVE) as later:
         later.send_text('{"watch": ["ward"]}')

@@ -45,7 +45,7 @@ def read(path: Path, reading: Reading) -> Table:
     layout = Layout("\t", ".", names, len(names), 0, _rate(path, rows[chosen[0]]))
     table = reader.read(path, reading, layout)
     if left := [rows[at]["name"] for at in chosen if not names[at]]:
-        table.notes.append(f"{', '.join(left)}: not used; the first rates of a tracked point are")
+        table.notes.append(f"{', '.join(left)}: not used; truerate reads only the first rates of a tracked point")
     return table
 
 

@@ -42,8 +42,8 @@ def roles(given: argparse.Namespace) -> tuple[Role, ...]:
         raise ConfigError(f"--port is {given.port}: use 1 to 65535, or 0 for any")
     if given.allow_recalibrate and given.host not in _LOOPBACK:
         raise ConfigError(
-            f"--allow-recalibrate with --host {given.host}: Foxglove knows no persons, so everybody who reaches the port could"
-            " recalibrate; omit one of them, or use the dashboard, which asks for a name and a password"
+            f"--allow-recalibrate with --host {given.host}: Foxglove has no passwords, so everybody who reaches the port could"
+            " recalibrate: omit one of the two options, or use the dashboard, which asks for a password"
         )
     return (Role.COMMANDER,) if given.allow_recalibrate else ()
 

@@ -53,7 +53,7 @@ def test_the_right_speed_is_found(tmp_path: Path) -> None:
         assert what(scan(port.link)) == ("line", 57_600)
         wrong = scan(port.link, speeds=[9600])
         assert wrong.guess is None
-        assert "a speed other than 9600 (try --baud), or a protocol that needs its own driver" in wrong.words
+        assert "perhaps a speed other than 9600 (try --baud), or a protocol without a driver" in wrong.words
 
 
 def test_nothing_and_nonsense_have_their_own_words(tmp_path: Path) -> None:
@@ -117,7 +117,7 @@ def test_what_is_printed_can_be_pasted(
     with talking(tmp_path / "odd [name]", lines()) as port:
         capture = f"file://{tmp_path}/capture?bytes_per_s=1e6"
         assert run("--seconds", "0.4", "--port", str(port.link), "--port", capture, "--port", f"{tmp_path}/gone") == 0
-        shown, pasted = capsys.readouterr().out.split("For the ward's file:\n")
+        shown, pasted = capsys.readouterr().out.split("For the ward file:\n")
         assert f"{tmp_path}/gone is missing. Plug" in shown
         config = tmp_path / "ward.toml"
         config.write_text(f'ward = "w"\n[bridge]\nid = "b"\n{pasted}')

@@ -236,7 +236,7 @@ def test_several_streams_ask_for_a_choice() -> None:
     ("given", "told"),
     [
         ({}, "name, type and source_id are empty"),
-        ({"name": "it's"}, "choose a stream by another property"),
+        ({"name": "it's"}, "choose the stream by another property"),
         ({"name": "a", "gyro": ("x",)}, "gyro has 1 labels"),
         ({"name": "a", "gyro_unit": "volt"}, "gyro_unit is 'volt': use one of rad/s"),
     ],

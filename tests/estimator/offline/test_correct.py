@@ -157,7 +157,7 @@ def test_turns_that_calibrate_are_not_lost_to_warming_up(prompt: Recording) -> N
     found = correct(prompt)
     agree(found, prompt)
     assert found.quality[-1] == Quality.GOOD
-    assert found.said[0].startswith("taken to have been on before it was recorded")
+    assert found.said[0].startswith("the device is assumed to have been on before the recording began")
     been_on = correct(prompt, knobs=replace(knobs_of(load_model(GENERIC)), warming_s=0.0))
     assert same(replace(found, said=found.said[1:]), been_on), "to the bit as of one that has not to warm up"
 
