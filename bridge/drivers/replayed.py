@@ -107,7 +107,7 @@ class ReplaySegment:
 
 
 class ReplayedOptions(Reading, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Options of a replay: file, speed, gyro range, and properties missing in the file, as in recording.Reading.
+    """Options of a replay: file, speed, gyro range, and properties missing in the file.
 
     recorded_device: the device of a .mcap to play, if there are several.
     """

@@ -23,6 +23,7 @@ PERSON_ROLES: tuple[PersonRole, ...] = get_args(PersonRole)
 class Person(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A person who may recalibrate, cancel and note: one [[dashboard.people]] table."""
 
+    #: name for the login and the audit log, for example `nurse`
     name: str
     #: hash of the password, as `truerate people` writes it; never the password itself
     password: str

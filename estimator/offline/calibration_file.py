@@ -286,7 +286,7 @@ def _parameters(names: tuple[str, ...]) -> tuple[str, ...]:
 def _covariance(rows: list[list[float]], n: int) -> Floats:
     covariance = _symmetric("'covariance'", rows, n)
     std, prior = np.sqrt(np.diag(covariance)), PriorKnobs()
-    for name, part, most in (("bias", slice(0, 3), prior.bias_std), ("k", slice(3, 6), prior.scale_std)):
+    for name, part, most in (("bias_rad_s", slice(0, 3), prior.bias_std), ("k", slice(3, 6), prior.scale_std)):
         if std[part].max() > most:
             raise ValueError(
                 f"'covariance' gives {name} the standard deviation {std[part].max():.3g}; at most {most:.3g}, that of an "

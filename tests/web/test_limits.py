@@ -226,7 +226,7 @@ def test_one_address_has_so_many_connections_and_is_told(
     for _ in range(2):
         with closing(connected(site)) as more:
             assert all_of(more).startswith("HTTP/1.1 503 ")
-    assert caplog.text.count("a connection is refused: 3 are open from 127.0.0.1") == 1
+    assert caplog.text.count("a connection is refused: 3 connections are open from 127.0.0.1") == 1
     for one in many:
         one.close()
     until(lambda: not site.server.uvicorn.server_state.connections)

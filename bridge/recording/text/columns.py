@@ -180,7 +180,8 @@ def _vector(path: Path, layout: Layout, names: list[Name], kind: str, sensor: st
         if len(whole) > 1:
             each = [",".join(layout.names[at] for at in triples[0].at) for triples in whole.values()]
             raise RecordingError(
-                f"{path}: {len(whole)} sensors have {kind} columns: {'; '.join(each[:4])}; choose one, such as --columns {each[0]}"
+                f"{path}: {len(whole)} sensors have {kind} columns: {'; '.join(each[:4])}; choose one sensor, such as"
+                f" --columns {each[0]}"
             )
         if whole:
             found = next(iter(whole.values()))

@@ -100,7 +100,7 @@ def test_known_frames_without_a_rate_are_named(tmp_path: Path, driver: str, fram
     tried = candidates(registry.kinds().values())
     verdict = examine(Found(f"file://{tmp_path}/capture?bytes_per_s=1e6"), tried, bauds(tried), 5.0, lambda _: None)
     assert verdict.guess is None
-    assert f"data of {driver}, without a rate" in verdict.words
+    assert f"data of {driver}, but no angular rates" in verdict.words
     assert said in verdict.words
 
 

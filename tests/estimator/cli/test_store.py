@@ -93,7 +93,7 @@ def test_history_of_nothing_says_what_there_is(
     store: Store, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["history", "wrist", "--store", store.path]) == 1
-    assert f"it knows {NAME}" in capsys.readouterr().err
+    assert f"the store has {NAME}" in capsys.readouterr().err
     assert main(["history", NAME, "--store", str(tmp_path / "none")]) == 1
     assert "no such file; name the ward file with --config" in capsys.readouterr().err
     assert main(["store", "check", str(tmp_path / "none")]) == 1

@@ -96,7 +96,7 @@ def without(name: str) -> Callable[[Json], object]:
         (put(noise_std_rad_s=[0.001, 3.0, 0.001]), "noise_std_rad_s is [0.001, 3.0, 0.001]; allowed: 1e-06 to 0.1"),
         (
             put(covariance=np.eye(6).tolist()),
-            "gives bias the standard deviation 1; at most",
+            "gives bias_rad_s the standard deviation 1; at most",
         ),
         (put(covariance=np.diag([1e-6] * 3 + [1.0] * 3).tolist()), "gives k the standard deviation 1"),
         (put(parameters=["k_x", "k_y", "k_z", "bias_x", "bias_y", "bias_z"]), "'parameters' are k_x"),
