@@ -156,7 +156,7 @@ def _serve(ward: str, bridge: Bridge, connect: Routers, file: WardFile[Root] | N
             _health(bridge, running, bus, connect),
         ):
             _log.info(
-                "bridge %s: %s of ward %s to %s",
+                "bridge %s publishes %s of ward %s at %s",
                 bridge.id,
                 count(len(bridge.devices), "device"),
                 ward,

@@ -142,7 +142,7 @@ def _between(root: Root, routers: Sequence[RouterFile]) -> Iterator[str]:
         for router in near:
             if (root.ward, member.common_name) not in router.places:
                 wards = ", ".join(sorted(ward for ward, name in router.places if name == member.common_name))
-                instead = f" (it has for {member.common_name} in ward {wards})" if wards else ""
+                instead = f" (only rules for {member.common_name} in ward {wards})" if wards else ""
                 yield (
                     f"[bus]: {router.path} has no rules for {member.common_name} in ward {root.ward!r}{instead}: the router would"
                     " drop its messages silently. Write the router's file again (truerate pki router)"

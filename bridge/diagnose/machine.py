@@ -68,7 +68,11 @@ def recordings(folder: Path) -> list[Finding]:
     """
     if not folder.is_absolute() or os.path.exists(folder):  # noqa: PTH110
         return []
-    return [warning("recordings", f"{folder} does not exist, and the recorder does not make it", f"mkdir -p {folder}")]
+    return [
+        warning(
+            "recordings", f"{folder} does not exist; the recorder does not create this folder", f"mkdir -p {folder}"
+        )
+    ]
 
 
 def _room(what: str, folder: Path, free: Callable[[Path], int]) -> Finding:

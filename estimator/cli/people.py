@@ -59,7 +59,7 @@ def _add(given: argparse.Namespace) -> None:
     name, role = check_id(given.name, "NAME"), PERSON_ROLES[given.administrator]
     path, ward, people = _read(given)
     if name in people:
-        raise ConfigError(f"{name} is there already: truerate people password {name} gives a new password")
+        raise ConfigError(f"{name} is listed already: `truerate people password {name}` sets a new password")
     _put(path, ward, Person(name=name, role=role, password=_hash(given)), f"added {name}, {role}")
 
 

@@ -243,8 +243,8 @@ def _join(path: Path, table: Table, other_path: Path, other: Table) -> None:
     if ours is None or theirs is None:
         if len(accel) != len(table.columns["gyro_rad_s"]):
             raise RecordingError(
-                f"{other_path}: {count(len(accel), 'row')}, but no times in both files to match them with the "
-                f"{count(len(table.columns['gyro_rad_s']), 'row')} of {path}: export both files with times"
+                f"{other_path} has {count(len(accel), 'row')}, {path} has {count(len(table.columns['gyro_rad_s']), 'row')}: "
+                "without times the rows cannot be matched: export both files with times"
             )
         table.columns["accel_m_s2"] = accel
         return
@@ -254,7 +254,7 @@ def _join(path: Path, table: Table, other_path: Path, other: Table) -> None:
     inside = (ours >= known[0]) & (ours <= known[-1]) if len(known) else np.zeros(len(ours), bool)
     if np.mean(inside) < 0.5:
         raise RecordingError(
-            f"{other_path}: its times overlap less than half of {path}: give the accelerometer file of the same session"
+            f"{other_path}: the times cover less than half of {path}: give the accelerometer file of the same session"
         )
     table.columns["accel_m_s2"] = np.stack([np.interp(ours, known, values[:, axis]) for axis in range(3)], axis=1)
     table.notes.append(f"the accelerometer is read from {other_path.name} and interpolated")

@@ -152,7 +152,7 @@ def own_for_authority(files: Files) -> None:
         (expired, "expired on"),
         (a_key_for_all, "chmod 600"),
         (unknown, "ROUTER has no rules for bridge:b1 in ward 'w'"),
-        (another_ward, "has no rules for bridge:b1 in ward 'w2' (it has for bridge:b1 in ward w)"),
+        (another_ward, "has no rules for bridge:b1 in ward 'w2' (only rules for bridge:b1 in ward w)"),
         (own_for_authority, "the certificate of 'bridge:b1' is not an authority's"),
         (not_let_in, "refuses bridge:b1, viewer:hall, which the rules name"),
         (one_of_its_two_files, "accepts bridge:b1, which the rules lack"),

@@ -292,7 +292,7 @@ def test_what_is_empty_or_no_store_is_said_with_what_to_do(
     file = tmp_path / "a.bin"
     noise = np.random.default_rng(1).bytes(20_000)
     for content, words in (
-        *([(b"", ("is an empty file", "backup"))] if verb != ["store", "check"] else []),
+        *([(b"", ("the file is empty", "backup"))] if verb != ["store", "check"] else []),
         *((noise[:n], ("is not a truerate store", "--config")) for n in (1, 100, 1000, 4096, 20_000)),
     ):
         file.write_bytes(content)
