@@ -90,7 +90,7 @@ class Folder:
                     return Output(path)
         raise FileExistsError(
             errno.EEXIST,
-            "1000 recordings with this second in their names exist already: move them away",
+            "1000 recordings of this second exist already: move some of them to another folder",
             str(self.path),
         )
 

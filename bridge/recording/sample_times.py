@@ -83,8 +83,8 @@ def _counted(path: Path, columns: dict[str, Floats], rate: float, notes: list[st
     share = float(np.mean(again))
     if share > _MOST_REPEATED:
         raise RecordingError(
-            f"{path}: {share:.0%} of the rows repeat an earlier row, and without times repeats cannot be told from new samples: "
-            "export the file with times"
+            f"{path}: {share:.0%} of the rows repeat an earlier row, and without times truerate cannot tell repeats from new "
+            "samples: export the file with times"
         )
     columns["row"] = columns.get("row", np.arange(len(again), dtype=np.float64)) - np.cumsum(again)
     if again.any():

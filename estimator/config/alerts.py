@@ -46,9 +46,9 @@ class Alerts(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
             if kind not in HOLD_S:
                 raise ValueError(f"hold_s: unknown alert {kind!r}; {nearest(kind, HOLD_S)}")
             if not 0 <= seconds <= 604_800:
-                raise ValueError(f"hold_s of {kind} is {seconds:g}; allowed: 0 to 604800")
+                raise ValueError(f"hold_s of {kind} is {seconds:g}; allowed: 0 to 604800 seconds")
         if not 1 <= self.clear_s <= 86_400:
-            raise ValueError(f"clear_s is {self.clear_s:g}; allowed: 1 to 86400")
+            raise ValueError(f"clear_s is {self.clear_s:g}; allowed: 1 to 86400 seconds")
         if self.quiet_hours and not _HOURS.match(self.quiet_hours):
             raise ValueError(f"quiet_hours is {self.quiet_hours!r}; write for example '22:00-06:00'")
         if self.language not in ("en", "zh"):

@@ -60,9 +60,9 @@ class Estimator(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
             except ConfigError as error:
                 raise ValueError(str(error)) from None
         if not 0 <= self.warming_s <= 3600:
-            raise ValueError(f"warming_s is {self.warming_s:g}; allowed: 0 to 3600")
+            raise ValueError(f"warming_s is {self.warming_s:g}; allowed: 0 to 3600 seconds")
         if not 0.2 <= self.silence_s <= 600:
-            raise ValueError(f"silence_s is {self.silence_s:g}; allowed: 0.2 to 600")
+            raise ValueError(f"silence_s is {self.silence_s:g}; allowed: 0.2 to 600 seconds")
 
 
 class Ward(schema.Root, frozen=True, forbid_unknown_fields=True, kw_only=True):

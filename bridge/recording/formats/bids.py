@@ -52,7 +52,9 @@ def read(path: Path, reading: Reading) -> Table:
 def _channels(path: Path) -> list[Row]:
     sidecar = _sidecar(path, "channels.tsv")
     if sidecar is None:
-        raise RecordingError(f"{path}: no *_channels.tsv beside it names the columns: copy it from the dataset")
+        raise RecordingError(
+            f"{path}: the file *_channels.tsv with the column names is missing: copy it from the dataset"
+        )
     with sidecar.open(encoding="utf-8-sig", newline="") as file:
         rows = list(csv.DictReader(file, delimiter="\t"))
     if not rows or not {"name", "type"} <= set(rows[0]):
