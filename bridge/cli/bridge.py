@@ -50,7 +50,7 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
         run_example,
     )
     verb.add_argument("config", type=Path, metavar="CONFIG", help="the ward file (TOML)")
-    does = "list the drivers; with CONFIG also its devices, and whether each can be opened"
+    does = "list the drivers; with CONFIG, also the devices of that file, and whether each can be opened"
     verb = add_guarded(inner, "list", _list, does, "truerate bridge list configs/ward.toml")
     verb.add_argument("config", type=Path, nargs="?", metavar="CONFIG", help="the ward file (TOML)")
     does = "listen on every serial port, recognise the devices, and print their tables for the ward file"

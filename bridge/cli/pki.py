@@ -88,7 +88,7 @@ def _verb(
     """Add a verb. who: how many certificates it takes, as argparse's nargs."""
     verb = add_verb(verbs, name, _guarded, does, ROLES)
     if who:
-        verb.add_argument("who", nargs=who, metavar="ROLE:NAME")
+        verb.add_argument("who", nargs=who, metavar="ROLE:NAME", help="role and name of the certificate; see below")
     verb.add_argument(
         "--folder", type=Path, default=Path("pki"), help="folder of the authority and the certificates (default: pki)"
     )

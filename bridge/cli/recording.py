@@ -31,7 +31,7 @@ _UNNAMED = "recorded"
 _LIVE = tuple(f"recorder.{name}" for name in ("devices", "rotate", "rotate_mb", "keep_free_mb", "keep_days", "keep_gb"))
 
 RECORD = """Writes readings, corrected rates, status, calibrations and notes of a ward to DIR/WARD-TIME.mcap. Foxglove and
-PlotJuggler plot its rates if it was written with --per-sample. While recording, the name ends in .part. A power failure
+PlotJuggler plot the rates of files written with --per-sample. While recording, the name ends in .part. A power failure
 loses at most the last second; `truerate recording recover` completes the file. Stop with Ctrl-C.
 examples:
   truerate record --config configs/ward.toml --out recordings
@@ -85,10 +85,13 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
         "--keep-days",
         type=float,
         metavar="DAYS",
-        help="delete finished recordings of the ward after this time (default: never)",
+        help="delete finished recordings of the ward after this many days (default: never)",
     )
     verb.add_argument(
-        "--keep-gb", type=float, metavar="GB", help="delete the oldest finished recordings of the ward beyond this size"
+        "--keep-gb",
+        type=float,
+        metavar="GB",
+        help="delete the oldest finished recordings of the ward beyond this many gigabytes",
     )
     verb.add_argument(
         "--wait",
@@ -105,7 +108,7 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
         verbs,
         "recording",
         "inspect, convert, repair and export recordings",
-        "`truerate bridge replay FILE` plays a recording. `truerate calibrate`, `correct` and `allan` read one too.",
+        "`truerate bridge replay FILE` plays a recording. `truerate calibrate`, `correct` and `allan` also read recordings.",
     )
     verb = add_verb(
         inner,
@@ -183,7 +186,7 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
         "file",
         type=Path,
         metavar="FILE",
-        help="unfinished or damaged recording, such as ward-3-20260801T101500Z.mcap.part; it is kept",
+        help="unfinished or damaged recording, such as ward-3-20260801T101500Z.mcap.part; this file is kept",
     )
     verb.add_argument(
         "--out", type=Path, metavar="FILE", help="new file (default: FILE without .part, or NAME.recovered.mcap)"

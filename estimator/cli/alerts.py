@@ -21,7 +21,7 @@ The exit code is 1 if an alert is not acknowledged.
 
 examples:
   truerate alerts --config configs/ward.toml                         list the alerts
-  truerate alerts acknowledge chest/lost --config configs/ward.toml  state that you have seen an alert; `chest` names all of chest
+  truerate alerts acknowledge chest/lost --config configs/ward.toml  state that you have seen it; `chest`: all alerts of chest
   truerate alerts test --config configs/ward.toml                    send a test message to the addresses of [alerts]"""
 
 

@@ -44,7 +44,7 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
         verbs,
         "forget",
         _forget,
-        "remove a device that sends no more from the ward, and with --yes from the store as well",
+        "remove a device that has stopped sending from the ward; with --yes, delete its data from the store too",
     )
     add_device(verb, "; no bridge and no [devices] table may list it")
     verb.add_argument("--reason", default="", help="reason, kept in the audit log with your name")

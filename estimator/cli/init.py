@@ -70,8 +70,10 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     )
     verb.add_argument("--virtual", type=int, default=0, metavar="N", help="simulated devices, to try the installation")
     verb.add_argument("--no-scan", action="store_true", help="do not listen on the serial ports for devices")
-    verb.add_argument("--folder", type=Path, default=_HERE, help="ward file and certificates (default: %(default)s)")
-    verb.add_argument("--data", type=Path, default=_DATA, help="store and recordings (default: %(default)s)")
+    verb.add_argument(
+        "--folder", type=Path, default=_HERE, help="folder of ward file and certificates (default: %(default)s)"
+    )
+    verb.add_argument("--data", type=Path, default=_DATA, help="folder of store and recordings (default: %(default)s)")
     verb.add_argument("--dry-run", action="store_true", help="print what would be done, and change nothing")
 
 

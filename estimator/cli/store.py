@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 STORE = """The store is the only file of an estimator that needs a backup. A running estimator makes a backup every day, in the
 folder `backups` beside the store or in `[estimator] backups`, and keeps the newest seven. Do not copy a store with `cp`: the
 copy would lack the newest entries. With --config, `store backup` also copies the `people_file` that the ward file names, and
-`store restore` gives those people back to a ward that lists none.
+`store restore` restores those people if the ward lists nobody.
 
 examples:
   truerate store backup /mnt/backup/ --config configs/ward.toml

@@ -165,7 +165,7 @@ def correct(
         return passed(_usable(calibration, recording)).corrected()
     if before := [one for one in recording.made if one.time_ns <= recording.begin_ns]:
         later = len(recording.made) - len(before)
-        used = _used(before[-1]) + (f"; {count(later, 'later one')} not" if later else "")
+        used = _used(before[-1]) + (f"; not used: {count(later, 'later calibration')}" if later else "")
         return passed(before[-1], used).corrected()
     found = passed(None)
     if found.calibrated:

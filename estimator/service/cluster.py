@@ -29,7 +29,7 @@ TAKEN_AT_ONCE = 8
 HELD_UP_S = 0.5
 _TOKENS, _SAID = 65536, 64
 #: messages of another estimator with this estimator's id are counted under this name
-DOUBLE = "messages of another estimator with our id"
+DOUBLE = "messages of another estimator with the same id"
 
 
 class Cluster:

@@ -125,7 +125,7 @@ class Intake:
             return  # a repeat is no sign of life: it may come from a recording
         device.heard = now
         if ruling is Ruling.RANGE:
-            if device.session.count_event("refused leap") == 1:
+            if device.session.count_event("sample number jump refused") == 1:
                 log.warning(
                     "%s: sample number %d is refused: it is too far from the earlier numbers",
                     device.name,
