@@ -63,7 +63,7 @@ class S3(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
             return [told["default"].get(key) or os.environ[key] for key in KEYS]
         except (OSError, KeyError, configparser.Error, UnicodeDecodeError) as error:
             where = f"credentials_file {file}" if file else "the environment"
-            raise ConfigError(f"[s3] finds no {' and '.join(KEYS)} in {where} ({error}): add them") from None
+            raise ConfigError(f"[s3]: {' and '.join(KEYS)} not found in {where} ({error}): add both") from None
 
 
 class BucketError(OSError):

@@ -17,7 +17,7 @@ _WHY = {
     "scouting": "no discovery: this router neither searches for others nor announces itself",
     "adminspace": "the router's settings can be neither read nor changed over the network",
     "transport": "lost peers are noticed early; peers that read nothing for 100 ms, and idle connections, are disconnected",
-    "timestamping": "with zenoh's timestamps, a subscriber with history takes crossing messages of two publishers for old ones",
+    "timestamping": "no zenoh timestamps: with them, subscribers drop messages that another publisher's later message overtook",
     "qos": "data for viewers: a slow viewer loses its own messages and delays no other program",
     "low_pass_filter": "no message larger than the wire allows",
     "access_control": "access rules by the common name of the certificate; everything else is denied silently",

@@ -34,7 +34,7 @@ def wait_for_router(
             if not patient:
                 raise
             if not complained:
-                _log.warning("%s; waiting for it", error)
+                _log.warning("%s; trying again until a router answers", error)
             complained = True
         stop.wait(_RETRY_S)
     return None

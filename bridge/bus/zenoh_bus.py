@@ -171,7 +171,8 @@ class ZenohBus:
                     on_change(key, now)
                 except Exception:  # noqa: BLE001 - a handler must not stop the bus
                     _log.exception(
-                        "the handler of the liveliness of %s failed; the next change is handed to it", pattern
+                        "the handler for programs that come or go under %s failed; it is called again at the next change",
+                        pattern,
                     )
 
         self._repair.watch(watcher.handler, tell)
@@ -247,11 +248,13 @@ def _why(routers: Routers) -> str:
         return f": {'; '.join(said)}; start one with `truerate router {how}`, or correct the address"
     there = ", ".join(endpoint for endpoint in routers if endpoint not in silent)
     if routers.identity is None:
-        said.append(f"the program at {there} may ask for a certificate (tls/...), or be no router: correct the address")
+        said.append(
+            f"the program at {there} may require a certificate (tls/...), or may not be a router: correct the address"
+        )
     else:
         said.append(
             f"if a router runs at {there}, see its log: it may refuse this program's certificate (`truerate pki router` writes"
-            " the router's files again), or its own certificate may be for another host name"
+            " the router's files again), or the router's certificate may be for another host name"
         )
     return f": {'; '.join(said)}"
 

@@ -46,14 +46,14 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
         inner,
         "run",
         _run,
-        "read the devices of a ward's file and publish their samples until stopped (Ctrl-C)",
+        "read the devices of a ward file and publish their samples until stopped (Ctrl-C)",
         run_example,
     )
-    verb.add_argument("config", type=Path, metavar="CONFIG", help="the ward's TOML file")
-    does = "list the drivers; with CONFIG also its devices, and whether each can be opened"
+    verb.add_argument("config", type=Path, metavar="CONFIG", help="the ward file (TOML)")
+    does = "list the drivers; with CONFIG, also the devices of that file, and whether each can be opened"
     verb = add_guarded(inner, "list", _list, does, "truerate bridge list configs/ward.toml")
-    verb.add_argument("config", type=Path, nargs="?", metavar="CONFIG", help="the ward's TOML file")
-    does = "listen on every serial port, recognise the devices, and print their tables for the ward's file"
+    verb.add_argument("config", type=Path, nargs="?", metavar="CONFIG", help="the ward file (TOML)")
+    does = "listen on every serial port, recognise the devices, and print their tables for the ward file"
     example = "truerate bridge scan; truerate bridge scan --port tcp://10.0.0.5:8000"
     scan.add_arguments(add_guarded(inner, "scan", scan.scan, does, example))
     does = "publish a recording as if its devices were present"
@@ -156,7 +156,7 @@ def _serve(ward: str, bridge: Bridge, connect: Routers, file: WardFile[Root] | N
             _health(bridge, running, bus, connect),
         ):
             _log.info(
-                "bridge %s: %s of ward %s to %s",
+                "bridge %s publishes %s of ward %s at %s",
                 bridge.id,
                 count(len(bridge.devices), "device"),
                 ward,

@@ -141,7 +141,7 @@ def add_group(
 
 def add_device(verb: argparse.ArgumentParser, more: str = "") -> None:
     """Add the positional argument `device`, the id of a device. more: text appended to its help text."""
-    verb.add_argument("device", help=f"device id as in `truerate devices`{more}")
+    verb.add_argument("device", help=f"device id, as `truerate devices` shows it{more}")
 
 
 def _add(

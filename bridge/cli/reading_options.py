@@ -30,10 +30,10 @@ def add_reading(verb: argparse.ArgumentParser, *, device: bool = True) -> None:
         metavar="NAME,…",
         help="columns of gyro x,y,z (then accelerometer x,y,z) by name or number; or a tool of configs/columns, or a .toml file",
     )
-    told.add_argument("--accel-file", metavar="FILE", help="second file that holds the accelerometer")
+    told.add_argument("--accel-file", metavar="FILE", help="second file, with the accelerometer's samples")
     if device:
         told.add_argument(
-            "--device", metavar="ID", help="device, topic, stream or sensor to read from a file with several"
+            "--device", metavar="ID", help="device, topic, stream or sensor to read, if the file holds several"
         )
     told.add_argument(
         "--boot", type=int, metavar="N", help="boot to read, from 1, if the device was switched on several times"

@@ -31,7 +31,7 @@ _UNNAMED = "recorded"
 _LIVE = tuple(f"recorder.{name}" for name in ("devices", "rotate", "rotate_mb", "keep_free_mb", "keep_days", "keep_gb"))
 
 RECORD = """Writes readings, corrected rates, status, calibrations and notes of a ward to DIR/WARD-TIME.mcap. Foxglove and
-PlotJuggler plot its rates if it was written with --per-sample. While recording, the name ends in .part. A power failure
+PlotJuggler plot the rates of files written with --per-sample. While recording, the name ends in .part. A power failure
 loses at most the last second; `truerate recording recover` completes the file. Stop with Ctrl-C.
 examples:
   truerate record --config configs/ward.toml --out recordings
@@ -66,7 +66,7 @@ CONVERT = """examples:
 def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     """Add the commands `record` and `recording` to the parser; each verb sets `run(args)`, which returns the exit code."""
     verb = add_verb(verbs, "record", _record, "record all data of a ward to MCAP files until stopped (Ctrl-C)", RECORD)
-    add_ward(verb, "the ward's file (TOML): gives the ward's name, the routers and the table [recorder]")
+    add_ward(verb, "the ward file (TOML): gives the ward's name, the routers and the table [recorder]")
     verb.add_argument(
         "--out", dest="folder", metavar="DIR", help="folder of the recordings; must exist (default: recordings)"
     )
@@ -85,10 +85,13 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
         "--keep-days",
         type=float,
         metavar="DAYS",
-        help="delete finished recordings of the ward after this time (default: never)",
+        help="delete finished recordings of the ward after this many days (default: never)",
     )
     verb.add_argument(
-        "--keep-gb", type=float, metavar="GB", help="delete the oldest finished recordings of the ward beyond this size"
+        "--keep-gb",
+        type=float,
+        metavar="GB",
+        help="delete the oldest finished recordings of the ward beyond this many gigabytes",
     )
     verb.add_argument(
         "--wait",
@@ -105,7 +108,7 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
         verbs,
         "recording",
         "inspect, convert, repair and export recordings",
-        "`truerate bridge replay FILE` plays a recording. `truerate calibrate`, `correct` and `allan` read one too.",
+        "`truerate bridge replay FILE` plays a recording. `truerate calibrate`, `correct` and `allan` also read recordings.",
     )
     verb = add_verb(
         inner,
@@ -137,7 +140,7 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
         inner,
         "inspect",
         _inspect,
-        "show how truerate reads a file: rate, gaps, noise, gravity, doubts",
+        "show how truerate reads a file: rate, gaps, noise, gravity, warnings",
         INSPECT,
     )
     verb.add_argument("file", type=Path, metavar="FILE", help="recording, a file or a folder: see docs/recording.md")
@@ -153,7 +156,11 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
         CONVERT,
     )
     verb.add_argument(
-        "files", type=Path, nargs="+", metavar="IN", help="recording, or captured bytes of a device; for .sto several"
+        "files",
+        type=Path,
+        nargs="+",
+        metavar="IN",
+        help="recording, or captured bytes of a device; for .sto also several recordings",
     )
     verb.add_argument(
         "out", type=Path, metavar="OUT", help="new file, .npz, .csv, .h5, .parquet, .mcap or .sto; must not exist"
@@ -179,7 +186,7 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
         "file",
         type=Path,
         metavar="FILE",
-        help="unfinished or damaged recording, such as ward-3-20260801T101500Z.mcap.part; it is kept",
+        help="unfinished or damaged recording, such as ward-3-20260801T101500Z.mcap.part; this file is kept",
     )
     verb.add_argument(
         "--out", type=Path, metavar="FILE", help="new file (default: FILE without .part, or NAME.recovered.mcap)"
@@ -299,7 +306,9 @@ def _convert(given: argparse.Namespace) -> None:
         _opensim(given)
         return
     if len(given.files) > 1 or given.segment or given.skip:
-        raise ConfigError(f"{given.out}: several recordings, --segment and --skip are for .sto: give one recording")
+        raise ConfigError(
+            f"{given.out}: only .sto takes several recordings, --segment or --skip: give one recording without these options"
+        )
     given.file = given.files[0]
     if given.per_sample and not _per_sample(given):
         return

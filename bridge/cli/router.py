@@ -36,7 +36,7 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     verb.add_argument(
         "--config",
         type=Path,
-        help="the ward's file (TOML) with the endpoints, or a zenohd file (.json5) of `truerate pki router`",
+        help="the ward file (TOML) with the endpoints, or a zenohd file (.json5) of `truerate pki router`",
     )
 
 

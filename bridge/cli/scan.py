@@ -65,6 +65,6 @@ def scan(args: argparse.Namespace) -> int:
             console.print(f"{verdict.found.port}: {verdict.words}", markup=False, highlight=False, soft_wrap=True)
     if not (snippet := scan_report.snippet(verdicts)):
         return _NOTHING
-    console.print("\nFor the ward's file:\n", highlight=False)
+    console.print("\nFor the ward file:\n", highlight=False)
     console.print(snippet, markup=False, highlight=False, soft_wrap=True)
     return _DONE

@@ -12,19 +12,19 @@ R = TypeVar("R", bound=Root)
 
 
 def add_ward(
-    verb: argparse.ArgumentParser, config: str = "the ward's file (TOML): gives the ward's name and the routers"
+    verb: argparse.ArgumentParser, config: str = "the ward file (TOML): gives the ward's name and the routers"
 ) -> None:
     """Add the options --config, --ward and --connect, which select a ward and its routers.
 
     config: help text of --config.
     """
     verb.add_argument("--config", type=Path, help=config)
-    verb.add_argument("--ward", metavar="W", help="name of the ward (default: the file's, else 'ward')")
+    verb.add_argument("--ward", metavar="W", help="name of the ward (default: from the ward file, else 'ward')")
     verb.add_argument(
         "--connect",
         action="append",
         metavar="ENDPOINT",
-        help=f"endpoint of a router; repeatable (default: the file's, else {LOCAL})",
+        help=f"endpoint of a router; repeatable (default: from the ward file, else {LOCAL})",
     )
 
 

@@ -84,7 +84,7 @@ def _of_ward(root: Root, now: datetime) -> Iterator[str]:
         if (member := _member(identity)) is not None:
             roles.add(member.role)
             if member.role in tables and tables[member.role] is None and not root.bus.pki:
-                yield f"[bus]: the certificate is for {member.label}; [{member.role.value}]: there is no such table"
+                yield f"[bus]: the certificate is for {member.label}, but this file has no table [{member.role.value}]"
     # With one certificate, the file may have further tables beside that of the certificate's role.
     for role, table in tables.items():
         if table is not None and role in roles:
@@ -145,7 +145,7 @@ def _between(root: Root, routers: Sequence[RouterFile]) -> Iterator[str]:
         for router in near:
             if (root.ward, member.common_name) not in router.places:
                 wards = ", ".join(sorted(ward for ward, name in router.places if name == member.common_name))
-                instead = f" (it has for {member.common_name} in ward {wards})" if wards else ""
+                instead = f" (only rules for {member.common_name} in ward {wards})" if wards else ""
                 yield (
                     f"[bus]: {router.path} has no rules for {member.common_name} in ward {root.ward!r}{instead}: the router would"
                     " drop its messages silently. Write the router's file again (truerate pki router)"

@@ -19,7 +19,9 @@ class Enrolment(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
     def __post_init__(self) -> None:
         if not self.enrolled:
-            raise ValueError('give enrolled = ["wrist-01", …], or remove [devices] to accept every device')
+            raise ValueError(
+                'enrolled is empty: give enrolled = ["wrist-01", …], or remove [devices] to accept every device'
+            )
         places(self.enrolled)
 
     @property

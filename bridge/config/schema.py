@@ -101,7 +101,7 @@ class Bus(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
     #: zenoh endpoints of the routers, the nearest first: `tcp/127.0.0.1:7447`, `tls/ward-3.example:7447`
     connect: tuple[str, ...] = (LOCAL,)
-    #: for `tls/...`: folder with `ca.pem` and the certificates of this machine's programs; each takes its own, by its role
+    #: for `tls/...`: folder with `ca.pem` and this machine's certificates; each program uses that of its role
     pki: str = ""
     #: for `tls/...`, instead of `pki`: PEM file of the authority that signed all certificates
     ca: str = ""

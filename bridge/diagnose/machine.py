@@ -46,7 +46,7 @@ def clock(status: int | None) -> list[Finding]:
         return [warning("clock", "its synchronisation is unknown", "see `timedatectl`")]
     if status & _UNSYNCHRONISED:
         return [
-            warning("clock", "not synchronised with another clock", "sudo timedatectl set-ntp true, or install chrony")
+            warning("clock", "not synchronised with a time server", "sudo timedatectl set-ntp true, or install chrony")
         ]
     return [ok("clock", "synchronised")]
 
@@ -69,7 +69,11 @@ def recordings(folder: Path) -> list[Finding]:
     """
     if not folder.is_absolute() or os.path.exists(folder):  # noqa: PTH110
         return []
-    return [warning("recordings", f"{folder} does not exist, and the recorder does not make it", f"mkdir -p {folder}")]
+    return [
+        warning(
+            "recordings", f"{folder} does not exist; the recorder does not create this folder", f"mkdir -p {folder}"
+        )
+    ]
 
 
 def _room(what: str, folder: Path, free: Callable[[Path], int]) -> Finding:

@@ -63,7 +63,7 @@ def examine(found: Found, tried: Sequence[Candidate], speeds: Sequence[int], sec
                 return Verdict(found, made[0], baud if is_serial else 0, _advice(made))
             for guess in every:
                 if guess.lacking is not None:
-                    words = f"data of {guess.candidate}, without a rate: {english(guess.lacking)}"
+                    words = f"data of {guess.candidate}, but no angular rates: {english(guess.lacking)}"
                     return Verdict(found, None, 0, words)
             # A wrong speed gives bytes, but no text; so text, or silence at two speeds, ends the search.
             if _as_text(_joined(heard[baud])) or (len(heard) >= _SILENT_SPEEDS and not any(heard.values())):
@@ -91,7 +91,7 @@ def _advice(made: Sequence[Guess]) -> str:
     """Other drivers that understand nearly as much as the best one; empty if there are none."""
     best, *others = made
     alike = [str(guess.candidate) for guess in others if guess.share > best.share - _ALIKE]
-    return f"other matches: {', '.join(alike)}; choose by the device's model" if alike else ""
+    return f"drivers that match as well: {', '.join(alike)}; choose by the device's model" if alike else ""
 
 
 def _puzzled(heard: dict[int, list[Chunk]], *, is_serial: bool) -> str:
@@ -107,7 +107,7 @@ def _puzzled(heard: dict[int, list[Chunk]], *, is_serial: bool) -> str:
     first = next(iter(came.values()))
     wrong = f"a speed other than{speeds.removeprefix(' at')} (try --baud), or " if is_serial else ""
     return (
-        f"bytes that no driver understands, such as {first[:16].hex(' ')}: {wrong}a protocol that needs its own driver"
+        f"bytes that no driver understands, such as {first[:16].hex(' ')}: perhaps {wrong}a protocol without a driver"
     )
 
 

@@ -69,7 +69,9 @@ class LslOptions(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
             raise ValueError("name, type and source_id are empty: give at least one, to choose the stream")
         for label, text in (("name", self.name), ("type", self.type), ("source_id", self.source_id)):
             if "'" in text:  # LSL's queries cannot hold it
-                raise ValueError(f"{label} is {text!r}: choose a stream by another property, without '")
+                raise ValueError(
+                    f"{label} is {text!r}, but the character ' cannot be searched for: choose the stream by another property"
+                )
         for label, labels in (("gyro", self.gyro), ("accel", self.accel)):
             if len(labels) not in (0, 3):
                 raise ValueError(f"{label} has {len(labels)} labels: give those of the x, y and z channels")

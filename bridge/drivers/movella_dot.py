@@ -56,7 +56,7 @@ PAYLOADS: Final = {
     "custom_5": Payload(26, LONG, 32, 20),
 }
 _NOT_READ: Final = {
-    "custom_2": "it carries no angular velocity",
+    "custom_2": "the payload carries no angular velocity",
     "custom_4": "only the vendor's own software can decode it",
     "high_fidelity": "only the vendor's own software can decode it",
 }

@@ -173,7 +173,7 @@ def _scaled(vector: Vector, by: float) -> Vector:
 
 KIND = stream_kind(
     "ximu3",
-    "x-io's x-IMU3 and what speaks its protocol, binary or ASCII: port, baud, rate_hz, keep_settings",
+    "x-io's x-IMU3, and devices with the same protocol, binary or ASCII: port, baud, rate_hz, keep_settings",
     Ximu3Options,
     Ximu3Decoder,
 )

@@ -107,7 +107,7 @@ class DeviceThread:
             self._driver.close()  # ends a pending read
             self._thread.join(timeout_s)
             if self._thread.is_alive():
-                _log.error("%s: the driver does not stop, and its thread is left running", self.device)
+                _log.error("%s: the driver does not stop; its thread is left running", self.device)
         self._complaint = reason or self._complaint
 
     def _run(self) -> None:
@@ -178,7 +178,9 @@ class DeviceThread:
         self._there = True
         if self._complaint:
             self._intake.events.add("reconnections")
-        _log.info("%s: %s %s", self.device, "back on" if self._complaint else "reading", self._driver.place)
+        _log.info(
+            "%s: %s %s", self.device, "reading again from" if self._complaint else "reading from", self._driver.place
+        )
         self._complaint = ()
 
     def _keep(self, batches: list[SampleBatch]) -> None:

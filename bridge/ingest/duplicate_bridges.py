@@ -70,4 +70,4 @@ class DuplicateBridges:
         self.refused.add(device)
         if device not in self._told:
             self._told.add(device)
-            _log.warning("%s (said once)", english(said([device], status.bridge, status.refused_bridges)))
+            _log.warning("%s (logged once)", english(said([device], status.bridge, status.refused_bridges)))

@@ -80,7 +80,8 @@ def signer(path: str) -> bytes:
     found = certificates(path)
     if len(found) < 2:
         raise ValueError(
-            f"{path} holds only one certificate; its issuer's must follow: restore the file, or run `truerate pki renew`"
+            f"{path} holds only one certificate; the issuer's certificate must follow in the same file: restore the file, or run"
+            " `truerate pki renew`"
         )
     return found[1].public_bytes(Encoding.PEM)
 
@@ -93,7 +94,7 @@ def member_of(identity: Identity) -> Member:
     try:
         return Member.parse(common_name(certificates(identity.certificate)[0]))
     except ValueError as error:
-        raise ValueError(f"{identity.certificate}: its common name names no role: {error}") from None
+        raise ValueError(f"{identity.certificate}: its common name contains no role: {error}") from None
 
 
 def lasts(identity: Identity) -> Validity:
@@ -150,7 +151,7 @@ def _key_faults(identity: Identity, own: x509.Certificate | None) -> Iterator[st
         yield f"{path}: {os_errors.why(error)}"
         return
     except TypeError:
-        yield f"{path}: the key has a password, which no person can type at an unattended start: store it without one, mode 0600"
+        yield f"{path}: the key has a password, but programs start unattended: store the key without a password, mode 0600"
         return
     except (ValueError, UnsupportedAlgorithm):
         yield f"{path}: not a PEM private key, which begins with BEGIN PRIVATE KEY: give the .key file"

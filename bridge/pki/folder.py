@@ -149,8 +149,8 @@ class Folder:
         later = self.identity(replace(now, generation=generation + 1)).certificate
         if Path(later).exists():
             raise ValueError(
-                f"{self.path / _REVOKED}: {now.common_name} was revoked before {later} was made, but is not listed: restore the"
-                " file, or routers would accept the revoked name again"
+                f"{self.path / _REVOKED}: {now.common_name} was revoked before {later} was made, but is not listed. Restore"
+                " the file; otherwise routers accept the revoked name again"
             )
         return now
 
@@ -181,7 +181,7 @@ class Folder:
 
     def _none(self) -> ValueError:
         if (self.path / _ISSUERS).exists():
-            return ValueError(f"{self.path}: ca.pem or ca.key is missing: copy it here from its place of storage")
+            return ValueError(f"{self.path}: ca.pem or ca.key is missing: copy the missing file here from your backup")
         return ValueError(
             f"{self.path}: no authority; make one with `truerate pki init --ward WARD --folder {self.path}`"
         )

@@ -28,7 +28,7 @@ _LEAST_PARTS_ROWS = 10
 #: ticks: a longer step is a gap; a time this near to a line is on it. Samples on either side of a running mean
 _GAP, _ON_LINE, _AROUND = 5.0, 1.5, 16
 _MOST_PARTS = 50
-_ARRIVAL = "the times are arrival times, in bursts: the samples are placed at even steps through them"
+_ARRIVAL = "the times are arrival times, in bursts: truerate spaces the samples evenly"
 
 
 class ClockFault(Exception):

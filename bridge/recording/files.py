@@ -89,7 +89,9 @@ class Folder:
                 with contextlib.suppress(FileExistsError):
                     return Output(path)
         raise FileExistsError(
-            errno.EEXIST, "a thousand files with this second in their name exist already", str(self.path)
+            errno.EEXIST,
+            "1000 recordings of this second exist already: move some of them to another folder",
+            str(self.path),
         )
 
     def free_bytes(self) -> int:

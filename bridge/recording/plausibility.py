@@ -126,7 +126,7 @@ def doubts_of_gyro(gyro: Floats, rate_hz: float) -> list[str]:
     if coarse:
         doubts.append(
             f"the readings are rounded to {degrees(step):.2g} °/s, coarser than any gyro: export them with more digits, "
-            "or the stated uncertainty is too small and rests may be missed"
+            "otherwise the stated uncertainty is too small and rests may be missed"
         )
     if len(gyro) < _ENOUGH:
         return doubts

@@ -248,11 +248,11 @@ class WardRecorder:
             except OSError as error:
                 if one.path not in self._undeletable:
                     self._undeletable.add(one.path)
-                    _log.error("%s cannot be deleted, though %s says so: %s", one.path, why, why_of(error))
+                    _log.error("%s should be deleted because of %s, but cannot be: %s", one.path, why, why_of(error))
                 continue
             self.account.expired += 1
             self.account.files = [path for path in self.account.files if path != one.path]
-            _log.warning("%s (%.1f MB) is deleted, as %s says%s", one.path, one.bytes / 1e6, why, lost)
+            _log.warning("%s (%.1f MB) is deleted because of %s%s", one.path, one.bytes / 1e6, why, lost)
 
     def _finish(self, file: RecordingFile) -> None:
         file.writer.finish()

@@ -62,11 +62,11 @@ def _assumed(path: Path, rate: float | None, reading: Reading, notes: list[str])
     """Return the rate of a file without sample times. Raises RecordingError."""
     if rate is None:
         raise RecordingError(
-            f"{path}: neither sample times nor 'rate_hz': give the rate with --rate-hz, or as rate_hz in a ward's file"
+            f"{path}: neither sample times nor 'rate_hz': give the rate with --rate-hz, or as rate_hz in a ward file"
         )
     if reading.rate_hz is not None:
         notes.append(
-            f"there are no sample times: the given {rate:g} Hz is assumed; a wrong rate makes scale factors wrong alike"
+            f"there are no sample times: the given {rate:g} Hz is assumed; a wrong rate makes all scale factors wrong"
         )
     return rate
 
@@ -84,8 +84,8 @@ def _counted(path: Path, columns: dict[str, Floats], rate: float, notes: list[st
     share = float(np.mean(again))
     if share > _MOST_REPEATED:
         raise RecordingError(
-            f"{path}: {share:.0%} of the rows repeat an earlier row, and without times repeats cannot be told from new samples: "
-            "export the file with times"
+            f"{path}: {share:.0%} of the rows repeat an earlier row, and without times truerate cannot tell repeats from new "
+            "samples: export the file with times"
         )
     columns["row"] = columns.get("row", np.arange(len(again), dtype=np.float64)) - np.cumsum(again)
     if again.any():

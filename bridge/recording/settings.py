@@ -42,7 +42,7 @@ class Recorder(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     keep_free_mb: float = 200.0
     #: days after which a finished recording is deleted; 0: never
     keep_days: float = 0.0
-    #: gigabytes of recordings of the ward in the folder, beyond which the oldest finished one is deleted; 0: no limit
+    #: most gigabytes of the ward's recordings in the folder; above, the oldest finished recording is deleted; 0: no limit
     keep_gb: float = 0.0
     #: seconds to wait for a router and a device before giving up
     wait_s: float = 10.0

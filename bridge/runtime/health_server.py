@@ -62,7 +62,7 @@ class HealthServer:
             self._server = _Server(address, asked)
         except OSError as error:
             where = f"address {address[0]}:{address[1]}"
-            raise OSError(f"{where}: {os_errors.why(error)}; choose another `health` in the ward's file") from error
+            raise OSError(f"{where}: {os_errors.why(error)}; choose another `health` in the ward file") from error
         self.port = int(self._server.server_address[1])
         self._thread = threading.Thread(target=self._server.serve_forever, args=(0.2,), name="health", daemon=True)
 

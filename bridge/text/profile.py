@@ -71,7 +71,7 @@ class Device(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
         _within("gyro_range_dps", self.gyro_range_dps, 0, 10_000)
         _within("rate_hz", self.rate_hz, 0, 10_000)
         if not (self.model and self.model.isprintable()):
-            raise ValueError(f"model is {self.model!r}: give a name")
+            raise ValueError(f"model is {self.model!r}: give the name of the model")
 
 
 class Csv(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):

@@ -33,7 +33,7 @@ _STEP = re.compile(r"\.([^.\[]+)|\[(\d+)\]|\[\.\.\.\]")
 #: keys of earlier ward files: what to do instead
 _REMOVED: Final[Mapping[tuple[str | int, ...], str]] = {
     ("devices", "file"): "list the ids in `enrolled`: a change of the ward file takes effect at once",
-    ("estimator", "placements"): "say who wears a device with `truerate placement set`, or on the device's page",
+    ("estimator", "placements"): "use `truerate placement set`, or the device's page, to state who wears a device",
 }
 _UNKNOWN = re.compile(r"Object contains unknown field `(.*)`")
 _MISSING = re.compile(r"Object missing required field `(.*)`")

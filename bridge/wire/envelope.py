@@ -21,7 +21,7 @@ def parse_key(key: str, what: str) -> Key:
     """
     place = keys.parse(key)
     if place.what != what:
-        raise Refusal(Reason.BAD_KEY, f"{key!r} is a key of {place.what}, not of {what}")
+        raise Refusal(Reason.BAD_KEY, f"{key!r} is a key for {place.what} messages; a key for {what} is expected")
     return place
 
 
@@ -39,7 +39,7 @@ def read(kind: type[M], payload: bytes) -> M:
         raise Refusal(Reason.MALFORMED, f"not a {kind.__name__}: {error}") from None
     version = message.version  # type: ignore[attr-defined] # every message has this field
     if version != VERSION:
-        raise Refusal(Reason.VERSION, f"a {kind.__name__} of version {version}; this program reads version {VERSION}")
+        raise Refusal(Reason.VERSION, f"a {kind.__name__} of version {version}; version {VERSION} is expected")
     return message
 
 
@@ -49,7 +49,7 @@ def same_id(said: str, place: Key, name: str) -> None:
     said: id in the payload. place: the parsed key. name: kind of id, for example `device`.
     """
     if said != place.ids[name]:
-        raise Refusal(Reason.FOREIGN_ID, f"the payload says {name} {said[:64]!r}, the key {place.ids[name]!r}")
+        raise Refusal(Reason.FOREIGN_ID, f"the payload has {name} {said[:64]!r}, but the key has {place.ids[name]!r}")
 
 
 def opened(kind: type[M], what: str, key: str, payload: bytes, id_: str = "device") -> tuple[M, Key]:

@@ -16,19 +16,19 @@ from bridge.wire.keys import check_id
 from estimator.cli.commands import answered
 from estimator.cli.ward_options import listening, person, ward_of
 
-_ABOUT = """Lists the standing alerts of a ward: troubles that have needed a person for their hold time. The exit code is 1 if
-one of them is not acknowledged.
+_ABOUT = """Lists the standing alerts of a ward. An alert is a problem that needs a person and has lasted for its hold time.
+The exit code is 1 if an alert is not acknowledged.
 
 examples:
-  truerate alerts --config configs/ward.toml                         list them
-  truerate alerts acknowledge chest/lost --config configs/ward.toml  say that you have seen one; `chest` acknowledges all of chest
+  truerate alerts --config configs/ward.toml                         list the alerts
+  truerate alerts acknowledge chest/lost --config configs/ward.toml  state that you have seen it; `chest`: all alerts of chest
   truerate alerts test --config configs/ward.toml                    send a test message to the addresses of [alerts]"""
 
 
 def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     """Add the verb `alerts` (list, acknowledge, test) to the command line."""
     verb = add_verb(
-        verbs, "alerts", _alerts, "list troubles that have needed a person for some time, or acknowledge an alert"
+        verbs, "alerts", _alerts, "list problems that have needed a person for some time, or acknowledge an alert"
     )
     verb.description, verb.formatter_class = _ABOUT, argparse.RawDescriptionHelpFormatter
     verb.add_argument(
@@ -110,7 +110,7 @@ def _test(given: argparse.Namespace) -> int:
         raise ConfigError(f"no address: name a file in [alerts] urls_file, or set {URLS_VARIABLE}")
     sent = by_apprise(urls)(f"{ward.ward}: test", "This is a test of the alerts of truerate.")
     print(
-        f"sent; addresses: {len(urls)}" if sent else "not every address took the message",
+        f"sent; addresses: {len(urls)}" if sent else "the message could not be sent to every address",
         file=sys.stdout if sent else sys.stderr,
     )
     return 0 if sent else 1

@@ -27,7 +27,7 @@ A ward's recording (.mcap) may hold a calibration that the ward made of this boo
 unless you give --method or --model.
 
 result: corrected rate = k x (reading - bias), or matrix x (reading - bias). The bias is the reading at zero rate.
-  An accelerometer is calibrated too, scale x (reading - bias), where the device rests in six poses or more.
+  An accelerometer is calibrated too, as scale x (reading - bias), if the device rests in six poses or more.
 methods:
   closure      (default) three full turns by hand on a table edge, one about each axis, with rests of 3 s. Estimates bias
                and scale by maximum likelihood from all rests and turns, and from gravity if there is an accelerometer.

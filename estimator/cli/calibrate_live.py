@@ -17,7 +17,9 @@ _OF_RECORDING = ("method", "model", "rates_dps", "range_dps", "rate_hz", "device
 def add_live(verb: argparse.ArgumentParser) -> None:
     """Add the options of a live calibration to the verb `calibrate`."""
     live = verb.add_argument_group("live calibration of a device in a running ward")
-    live.add_argument("--live", metavar="DEVICE", help="guide a person step by step with this device")
+    live.add_argument(
+        "--live", metavar="DEVICE", help="guide a person step by step through the calibration of this device"
+    )
     live.add_argument("--config", type=Path, help="the ward file: names the ward and its routers")
     live.add_argument("--ward", help="the ward's name (default: from the ward file, else 'ward')")
     live.add_argument(
@@ -27,7 +29,7 @@ def add_live(verb: argparse.ArgumentParser) -> None:
         help=f"a router's address (default: from the ward file, else {LOCAL})",
     )
     live.add_argument("--lang", choices=["en", "zh"], help="language of the instructions (default: the terminal's)")
-    live.add_argument("--seconds", type=float, default=None, help="stop after this time (default: at Ctrl-C)")
+    live.add_argument("--seconds", type=float, default=None, help="stop after this many seconds (default: at Ctrl-C)")
 
 
 def live(given: argparse.Namespace) -> int:

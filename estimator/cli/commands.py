@@ -27,9 +27,11 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
         ("zero-heading", "make the present heading of a device zero"),
     ):
         verb = add_verb(verbs, name, _command, help_text)
-        wanted = "; all devices of the ward without one" if name == "zero-heading" else ""
-        verb.add_argument("device", nargs="?" if wanted else None, help=f"device id as in `truerate devices`{wanted}")
-        verb.add_argument("--reason", default="", help="reason, kept in the audit beside your name")
+        wanted = " (default: all devices of the ward)" if name == "zero-heading" else ""
+        verb.add_argument(
+            "device", nargs="?" if wanted else None, help=f"device id, as `truerate devices` shows it{wanted}"
+        )
+        verb.add_argument("--reason", default="", help="reason, kept in the audit log with your name")
         verb.set_defaults(verb=name)
         add_ward(verb)
     verb = add_verb(
@@ -42,14 +44,14 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
         verbs,
         "forget",
         _forget,
-        "remove a device that sends no more from the ward, and with --yes from the store as well",
+        "remove a device that has stopped sending from the ward; with --yes, delete its data from the store too",
     )
     add_device(verb, "; no bridge and no [devices] table may list it")
-    verb.add_argument("--reason", default="", help="reason, kept in the audit beside your name")
+    verb.add_argument("--reason", default="", help="reason, kept in the audit log with your name")
     verb.add_argument(
         "--yes",
         action="store_true",
-        help="delete its calibrations, boots and bias from the store for good; only the audit stays",
+        help="delete its calibrations, boots and bias from the store for good; only the audit log is kept",
     )
     add_ward(verb)
 

@@ -50,8 +50,8 @@ def _config_check(given: argparse.Namespace) -> None:
                 load(ward.dashboard.people_file, Ward)
             if ward.estimator is not None and not (folder := Path(ward.estimator.store).absolute().parent).is_dir():
                 absent.append(
-                    f"{file}: [estimator]: store is {ward.estimator.store!r}: there is no folder {folder} on this machine; the"
-                    " estimator makes it at its start, where it may"
+                    f"{file}: [estimator]: store is {ward.estimator.store!r}: the folder {folder} does not exist on this"
+                    " machine; the estimator creates it at its start, if permitted"
                 )
     # If a router's file cannot be read, its members are unknown, so nothing can be said about the other files.
     wrong += cross_checks.faults(wards, routers if len(routers) + len(wards) == len(files) else [], datetime.now(UTC))

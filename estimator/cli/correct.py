@@ -84,12 +84,12 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     verb.add_argument(
         "--warmed-up",
         action="store_true",
-        help="the device was on and worn for 15 minutes before; else, without a thermometer, the bias may drift by warming up",
+        help="the device was on and worn for 15 minutes before: assume no warm-up drift (matters only without a thermometer)",
     )
     verb.add_argument(
         "--learn-matrix",
         action="store_true",
-        help="estimate scale and misalignment from gravity while the device moves; use them once surer than the calibration",
+        help="estimate scale and misalignment from gravity in motion; use them once they are more certain than the calibration",
     )
     verb.add_argument(
         "--picture", type=Path, metavar="FILE", help="draw rates, bias, quality and temperature (.png, .svg, .pdf)"

@@ -9,8 +9,8 @@ from bridge.cli.parser import Verbs, add_verb
 from bridge.config.schema import ConfigError, check, check_endpoints
 from bridge.config.ward_file import WardFile
 
-_EXAMPLE = """Example: truerate dashboard --config configs/demo.toml, then open http://127.0.0.1:8090. `truerate people` says who
-may give commands there."""
+_EXAMPLE = """Example: truerate dashboard --config configs/demo.toml, then open http://127.0.0.1:8090. `truerate people` sets who
+may give commands on the pages."""
 
 
 def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:

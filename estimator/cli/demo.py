@@ -14,7 +14,7 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     """Add the verb `demo` to the command line."""
     verb = add_verb(verbs, "demo", _demo, "run a small simulated ward for about a minute and compare it with the truth")
     verb.add_argument(
-        "--picture", type=Path, default=Path("out/demo.png"), help="the picture's file (default: %(default)s)"
+        "--picture", type=Path, default=Path("out/demo.png"), help="file for the picture (default: %(default)s)"
     )
     verb.add_argument("--seed", type=seed, default=None, help="the same seed gives the same devices (default: random)")
 

@@ -167,7 +167,7 @@ def _bucket(ward: Ward) -> Iterable[Finding]:
     except (BucketError, ConfigError) as error:
         yield trouble("bucket", str(error), "check [s3] in the ward file, its keys, and the network")
         return
-    said = f"newest backup of {found[0][0]:%Y-%m-%d %H:%M} UTC" if found else "no backup in it yet"
+    said = f"newest backup of {found[0][0]:%Y-%m-%d %H:%M} UTC" if found else "the bucket has no backup yet"
     yield ok("bucket", f"{ward.s3.bucket} answers: {said}")
 
 

@@ -72,7 +72,7 @@ def _history(given: argparse.Namespace) -> int:
             print(f"{what}: this machine's clock was wrong then, or is wrong now")
     if not found:
         when = f" since {given.since}" if given.since else ""
-        others = f"it knows {', '.join(known)}" if known else "it is empty"
+        others = f"the store has {', '.join(known)}" if known else "the store is empty"
         raise StoreError(f"store {store.path} has no entries of {device}{when}; {others}")
     if given.plot is not None:
         from estimator import figures  # noqa: PLC0415

@@ -26,7 +26,7 @@ _EXAMPLES = """examples:
   truerate init ward-3 --host 10.0.0.5 --bridge bridge-2   a second machine has devices, too
   truerate init ward-3 --virtual 3 --dry-run               print what would be done, with three simulated devices
 
-A second run keeps what is there and adds what is missing: newly plugged devices, new people, further machines."""
+A second run keeps existing files and adds what is missing: newly plugged devices, new people, further machines."""
 _SERVICES = ("router", "bridge", "estimator", "dashboard", "recorder")
 _HERE, _DATA, _DEFAULTS = Path("/etc/truerate"), Path("/var/lib/truerate"), Path("/etc/default/truerate")
 
@@ -58,7 +58,7 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
         action="append",
         default=[],
         metavar="NAME",
-        help="person who may give commands on the page; repeatable. Asks for a password; without a terminal makes one up",
+        help="person who may give commands on the page; repeatable. Asks for a password; without a terminal, generates one",
     )
     verb.add_argument(
         "--administrator",
@@ -70,8 +70,10 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     )
     verb.add_argument("--virtual", type=int, default=0, metavar="N", help="simulated devices, to try the installation")
     verb.add_argument("--no-scan", action="store_true", help="do not listen on the serial ports for devices")
-    verb.add_argument("--folder", type=Path, default=_HERE, help="ward file and certificates (default: %(default)s)")
-    verb.add_argument("--data", type=Path, default=_DATA, help="store and recordings (default: %(default)s)")
+    verb.add_argument(
+        "--folder", type=Path, default=_HERE, help="folder of ward file and certificates (default: %(default)s)"
+    )
+    verb.add_argument("--data", type=Path, default=_DATA, help="folder of store and recordings (default: %(default)s)")
     verb.add_argument("--dry-run", action="store_true", help="print what would be done, and change nothing")
 
 

@@ -57,7 +57,7 @@ OUTLETS: dict[str, Outlet] = {
 
 def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     """Add the verb `outlet`, with a verb for each outlet, to the command line."""
-    does = "hand a ward's corrected rates and orientation to other programs until stopped (Ctrl-C)"
+    does = "pass a ward's corrected rates and orientation on to other programs until stopped (Ctrl-C)"
     inner = add_group(verbs, "outlet", does)
     for name, outlet in OUTLETS.items():
         verb = add_verb(inner, name, partial(_serve, name, outlet), outlet.does, f"Example: {outlet.example}")

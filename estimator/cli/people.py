@@ -19,7 +19,7 @@ _EXAMPLES = """examples:
   truerate people list --config configs/ward.toml
   truerate people add nurse --config configs/ward.toml               asks for a password
   truerate people add chief --administrator --config configs/ward.toml
-  truerate people add script --token --config configs/ward.toml      makes up a long password, for a program
+  truerate people add script --token --config configs/ward.toml      generates a long password, for a program
   truerate people password nurse --config configs/ward.toml          asks for a new password
   truerate people role nurse administrator --config configs/ward.toml
   truerate people remove nurse --config configs/ward.toml"""
@@ -43,7 +43,7 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
         verb.add_argument("name", help="the person's name")
     role.add_argument("role", choices=PERSON_ROLES, help=" or ".join(PERSON_ROLES))
     for verb in (add, password):
-        verb.add_argument("--token", action="store_true", help="make up a long password, for a program")
+        verb.add_argument("--token", action="store_true", help="generate a long password, for a program")
     for verb in (add_verb(inner, "list", _list, "list the people"), add, password, role, remove):
         verb.add_argument("--config", type=Path, required=True, help="the ward file")
 
@@ -59,7 +59,7 @@ def _add(given: argparse.Namespace) -> None:
     name, role = check_id(given.name, "NAME"), PERSON_ROLES[given.administrator]
     path, ward, people = _read(given)
     if name in people:
-        raise ConfigError(f"{name} is there already: truerate people password {name} gives a new password")
+        raise ConfigError(f"{name} is listed already: `truerate people password {name}` sets a new password")
     _put(path, ward, Person(name=name, role=role, password=_hash(given)), f"added {name}, {role}")
 
 
@@ -127,7 +127,7 @@ def asked() -> str:
         return sys.stdin.readline().rstrip("\n")
     try:
         password = getpass.getpass("password: ")
-        again = getpass.getpass("the same again: ")
+        again = getpass.getpass("repeat the password: ")
     except EOFError:
         print(file=sys.stderr)
         raise ValueError("no password was given: type one, or use --token") from None

@@ -13,7 +13,7 @@ from bridge.wire.placement import placement
 from estimator.cli.commands import obey
 from estimator.cli.ward_options import listening, person, ward_of
 
-_ABOUT = f"""Says where and by whom a device is worn, from now on until the next `set` or `end`. A placement is
+_ABOUT = f"""States where and by whom a device is worn, from now on until the next `set` or `end`. A placement is
 optional. Pages, reports and recordings show it with the device. `truerate history DEVICE` shows all placements of a device.
 
 segments: {", ".join(SEGMENTS)}, as bodies are called in OpenSim
@@ -28,8 +28,8 @@ examples:
 
 def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     """Add the verbs `placement set|list|end` to the command line."""
-    inner = add_group(verbs, "placement", "say where and by whom a device is worn", about=_ABOUT)
-    verb = add_verb(inner, "set", _set, "say where and by whom a device is worn from now on")
+    inner = add_group(verbs, "placement", "state where and by whom a device is worn", about=_ABOUT)
+    verb = add_verb(inner, "set", _set, "state where and by whom a device is worn from now on")
     add_device(verb)
     verb.add_argument("--segment", default="", metavar="SEGMENT", help=f"one of {', '.join(SEGMENTS)}")
     verb.add_argument("--side", default="", metavar="SIDE", help=" or ".join(SIDES))
@@ -40,7 +40,7 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     verb = add_verb(inner, "list", _list, "list the devices of a running ward with their placements")
     verb.add_argument("--json", action="store_true", help="print one JSON object")
     add_ward(verb)
-    verb = add_verb(inner, "end", _end, "say that nobody wears a device from now on")
+    verb = add_verb(inner, "end", _end, "state that nobody wears a device from now on")
     add_device(verb)
     add_ward(verb)
 

@@ -50,7 +50,7 @@ def _reload(given: argparse.Namespace) -> int:
         kind = "dashboard" if member.role in (Role.VIEWER, Role.COMMANDER) else member.role.value
         print(f"{' '.join(dict.fromkeys((kind, member.name)))}: {said(reply, digest)}")
     if not replies:
-        print(f"{given.config} is valid. No running program of ward {ward.ward} answers")
+        print(f"{given.config} is valid. No program of ward {ward.ward} answers: is one running?")
     return 0 if replies and all(one.accepted and one.request_id == digest for one in replies.values()) else 1
 
 
@@ -83,7 +83,7 @@ def said(reply: CommandReply, digest: str) -> str:
 
     digest: checksum of the ward file asked about. The text says so if the program has read another file.
     """
-    other = "" if reply.request_id == digest else "it has not read this file but another one. Of that: "
+    other = "" if reply.request_id == digest else "the program uses another file, not this one. Its answer: "
     return f"{other}{english(*reply.message)}"
 
 

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 STORE = """The store is the only file of an estimator that needs a backup. A running estimator makes a backup every day, in the
 folder `backups` beside the store or in `[estimator] backups`, and keeps the newest seven. Do not copy a store with `cp`: the
 copy would lack the newest entries. With --config, `store backup` also copies the `people_file` that the ward file names, and
-`store restore` gives those people back to a ward that lists none.
+`store restore` restores those people if the ward lists nobody.
 
 examples:
   truerate store backup /mnt/backup/ --config configs/ward.toml
@@ -56,7 +56,9 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     )
     add_store(verb)
     verb = add_verb(inner, "check", _check, "check a store and its backups for damage")
-    verb.add_argument("file", type=Path, nargs="?", metavar="FILE", help="a store (default: the ward's)")
+    verb.add_argument(
+        "file", type=Path, nargs="?", metavar="FILE", help="store to check (default: that of the ward file)"
+    )
     verb.add_argument("--json", action="store_true", help="print one JSON object")
     add_store(verb)
     for name, run, what in (
@@ -69,7 +71,7 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     ):
         verb = add_verb(inner, name, run, what)
         verb.add_argument(
-            "backup", type=Path, nargs="?", metavar="BACKUP", help="a backup (default: the newest valid one)"
+            "backup", type=Path, nargs="?", metavar="BACKUP", help="backup to use (default: the newest valid backup)"
         )
         verb.add_argument("--s3", action="store_true", help="take BACKUP, by its name, from the bucket of [s3]")
         add_store(verb)

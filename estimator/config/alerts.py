@@ -33,11 +33,11 @@ class Alerts(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     Raises ValueError for an unknown kind of alert, and for a value out of range.
     """
 
-    #: seconds until a trouble is an alert, by kind: `{ lost = 120, uncalibrated = 1800 }`; docs/alerts.md has the defaults
+    #: seconds after which a problem becomes an alert, by kind: `{ lost = 120, uncalibrated = 1800 }`; defaults: docs/alerts.md
     hold_s: dict[str, float] = {}
-    #: seconds of well-being after which an alert is cleared; a trouble that returns within them is the same trouble
+    #: seconds without the problem until its alert is cleared; a problem that returns earlier continues the same alert
     clear_s: float = 60.0
-    #: hours of this machine's clock without sound and sending, for example `22:00-06:00`; sent afterwards if it still holds
+    #: local hours without sound or messages, for example `22:00-06:00`; alerts that still stand are sent afterwards
     quiet_hours: str = ""
     #: file with addresses for apprise, one a line: mail, ntfy, webhook; mode 0600, since an address holds a password
     urls_file: str = ""
@@ -49,9 +49,9 @@ class Alerts(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
             if kind not in HOLD_S:
                 raise ValueError(f"hold_s: unknown alert {kind!r}; {nearest(kind, HOLD_S)}")
             if not 0 <= seconds <= 604_800:
-                raise ValueError(f"hold_s of {kind} is {seconds:g}; allowed: 0 to 604800")
+                raise ValueError(f"hold_s of {kind} is {seconds:g}; allowed: 0 to 604800 seconds")
         if not 1 <= self.clear_s <= 86_400:
-            raise ValueError(f"clear_s is {self.clear_s:g}; allowed: 1 to 86400")
+            raise ValueError(f"clear_s is {self.clear_s:g}; allowed: 1 to 86400 seconds")
         if self.quiet_hours and not _HOURS.match(self.quiet_hours):
             raise ValueError(f"quiet_hours is {self.quiet_hours!r}; write for example '22:00-06:00'")
         if self.language not in ("en", "zh"):

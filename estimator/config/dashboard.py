@@ -26,6 +26,7 @@ class Person(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     Raises ValueError for an invalid name, and for a password that is not a hash.
     """
 
+    #: name for the login and the audit log, for example `nurse`
     name: str
     #: hash of the password, as `truerate people` writes it; never the password itself
     password: str
@@ -46,7 +47,7 @@ class OpenId(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
     #: address of the provider, as in its tokens
     issuer: str
-    #: how the provider knows this page; its redirect address there is https://HOST/openid/back
+    #: id of this page at the provider; register the redirect address https://HOST/openid/back there
     client_id: str
     #: file with the client's secret
     secret_file: str
@@ -74,25 +75,25 @@ class Dashboard(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     listen: str = "127.0.0.1:8090"
     #: one table `[[dashboard.people]]` for each person, with `name` and `password` (a hash)
     people: tuple[Person, ...] = ()
-    #: ward file that holds the people alone, which the services may write; `truerate init` makes it
+    #: separate file with the people only, which the services may write; `truerate init` makes the file
     people_file: str = ""
     #: login by an OpenID Connect provider
     openid: OpenId | None = None
-    #: host names of the page in a browser's address line, beside `listen`
+    #: host names under which browsers open the page, besides `listen`
     hosts: tuple[str, ...] = ()
-    #: other sites whose pages may read the stream, such as "https://lab.example"; programs outside a browser need none
+    #: other sites whose pages may read the stream, such as "https://lab.example"; programs outside a browser need no entry
     origins: tuple[str, ...] = ()
     #: certificate chain (PEM) that browsers see, for TLS; `truerate pki issue page:NAME --host HOST` makes one
     certificate: str = ""
     #: private key of the certificate (PEM)
     key: str = ""
-    #: a reverse proxy on this machine ends TLS and tells the visitor's address
+    #: set to true if a reverse proxy on this machine ends TLS and passes on the visitor's address
     behind_proxy: bool = False
     #: hours until a person has to log in again
     session_hours: float = 8.0
-    #: minutes without a page or command until a person has to log in again
+    #: minutes without a request or command until a person has to log in again
     idle_minutes: float = 30.0
-    #: days after which a certificate says that a calibration is due again
+    #: days after which a calibration certificate asks for a new calibration
     due_days: float = 365.0
 
     def __post_init__(self) -> None:

@@ -33,8 +33,8 @@ class Estimator(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     models: dict[str, str] = {}
     #: require turns about horizontal axes, so that an accelerometer can check each angle
     horizontal_turns: bool = False
-    #: correct by the scale and misalignment that gravity teaches while a device is worn, as soon as they are surer than what
-    #: is known; the device then counts as calibrated
+    #: estimate scale and misalignment from gravity while a device is worn, and use them once they are more certain than the
+    #: calibration; the device then counts as calibrated
     learn_matrix: bool = False
     #: seconds after power-up during which readings are ignored
     warming_s: float = 1.0
@@ -63,9 +63,9 @@ class Estimator(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
             except ConfigError as error:
                 raise ValueError(str(error)) from None
         if not 0 <= self.warming_s <= 3600:
-            raise ValueError(f"warming_s is {self.warming_s:g}; allowed: 0 to 3600")
+            raise ValueError(f"warming_s is {self.warming_s:g}; allowed: 0 to 3600 seconds")
         if not 0.2 <= self.silence_s <= 600:
-            raise ValueError(f"silence_s is {self.silence_s:g}; allowed: 0.2 to 600")
+            raise ValueError(f"silence_s is {self.silence_s:g}; allowed: 0.2 to 600 seconds")
 
 
 class Ward(schema.Root, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -83,8 +83,9 @@ class Ward(schema.Root, frozen=True, forbid_unknown_fields=True, kw_only=True):
         here, there = (table.health if table else "" for table in (self.estimator, self.bridge))
         if here and there and schema.clash(here, there):
             both = repr(here) if here == there else f"{here!r} and {there!r}"
-            raise ValueError(f"health is {both} of both bridge and estimator: each needs a port of its own")
+            raise ValueError(f"health of bridge and estimator is {both}: give each a port of its own")
         for health in filter(None, (here, there)):
             if schema.clash(health, listen := self.dashboard.listen):
-                both = "as is" if health == listen else f"and {listen!r}"
-                raise ValueError(f"health is {health!r}, {both} the dashboard's listen: each needs a port of its own")
+                raise ValueError(
+                    f"health is {health!r} and the dashboard's listen is {listen!r}: give each a port of its own"
+                )

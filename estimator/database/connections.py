@@ -67,7 +67,7 @@ def checked(path: Path, *, ours: bool = False) -> sqlite3.Connection:
         slow.start()
         try:
             if not megabytes:
-                raise Damaged(path, "it is an empty file")
+                raise Damaged(path, "the file is empty")
             db = to_read(path)
             check(db, path)
         finally:

@@ -33,7 +33,9 @@ def owned(path: str) -> Iterator[None]:
     except OSError as error:
         if error.errno == errno.ELOOP:
             raise StoreError(f"store {path}: {place} is a symbolic link: remove the link") from None
-        log.warning("%s: %s: whether another estimator has the store is not known", place, os_errors.why(error))
+        log.warning(
+            "%s: %s: truerate cannot tell whether another estimator uses the store", place, os_errors.why(error)
+        )
         yield
         return
     try:

@@ -82,16 +82,16 @@ def check(db: sqlite3.Connection, path: object) -> None:
     version, application = (_pragma(db, name) for name in ("user_version", "application_id"))
     found = _described(db)
     if not found:
-        raise Damaged(path, "there are no tables in it")
+        raise Damaged(path, "the file has no tables")
     if found != _expected():
         if application != APPLICATION_ID:
             raise StoreError(f"store {path} is another program's SQLite file: give the store a path of its own")
         if version != SCHEMA_VERSION:
             raise StoreError(
-                f"store {path} has schema {version}, this truerate reads schema {SCHEMA_VERSION}: use the truerate that"
-                f" wrote it, or give the store another path"
+                f"store {path} has schema {version}, but this truerate reads schema {SCHEMA_VERSION}: use the version of"
+                f" truerate that wrote the store, or give another path"
             )
-        raise Damaged(path, f"its tables are not those of schema {version}")
+        raise Damaged(path, f"the tables are not those of schema {version}")
     for (words,) in db.execute("PRAGMA integrity_check(1)"):
         if words != "ok":
             raise Damaged(path, str(words).removeprefix("*** in database main ***").strip())

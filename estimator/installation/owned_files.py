@@ -42,7 +42,7 @@ class OwnedFiles:
         """
         if path.is_dir():
             if path.stat().st_mode & stat.S_IWOTH:  # whoever may place links there chooses where keys are written
-                raise ValueError(f"every user may write to {path}: run chmod o-w {path}, and look at what is in it")
+                raise ValueError(f"every user may write to {path}: run chmod o-w {path}, and check its files")
             return
         if not self.dry:
             path.mkdir(_FOLDER, parents=True, exist_ok=True)

@@ -269,7 +269,7 @@ def _read(path: Path) -> _File:
 
 def _matrix(matrix: Floats) -> Floats:
     _within("the diagonal of 'matrix'", np.diag(matrix), K_MIN, K_MAX)
-    _within("beside its diagonal 'matrix'", matrix[~np.eye(3, dtype=bool)], -_MOST_ACROSS, _MOST_ACROSS)
+    _within("'matrix' outside its diagonal", matrix[~np.eye(3, dtype=bool)], -_MOST_ACROSS, _MOST_ACROSS)
     return matrix
 
 
@@ -289,11 +289,11 @@ def _parameters(names: tuple[str, ...]) -> tuple[str, ...]:
 def _covariance(rows: list[list[float]], n: int) -> Floats:
     covariance = _symmetric("'covariance'", rows, n)
     std, prior = np.sqrt(np.diag(covariance)), PriorKnobs()
-    for name, part, most in (("bias", slice(0, 3), prior.bias_std), ("k", slice(3, 6), prior.scale_std)):
+    for name, part, most in (("bias_rad_s", slice(0, 3), prior.bias_std), ("k", slice(3, 6), prior.scale_std)):
         if std[part].max() > most:
             raise ValueError(
-                f"'covariance' leaves {name} uncertain by {std[part].max():.3g}, more than that of any gyro before it is "
-                f"calibrated ({most:.3g})"
+                f"'covariance' gives {name} the standard deviation {std[part].max():.3g}; at most {most:.3g}, that of an "
+                f"uncalibrated gyro, is allowed"
             )
     return covariance
 

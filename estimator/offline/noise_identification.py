@@ -70,8 +70,8 @@ def identify_noise(recording: Recording) -> AtRest:
     rate_hz = (len(time) - 1) / duration
     if (missing := 1 - rate_hz / rate_of(time)) > _UNEVEN:
         raise RecordingError(
-            f"{recording.name}: its samples are not evenly spaced: {missing:.0%} of the rest are gaps. If the times are "
-            "times of arrival, remove them from the file and give the device's rate with --rate-hz"
+            f"{recording.name}: the samples are not evenly spaced: {missing:.0%} of the longest rest is missing. If the times are"
+            " times of arrival, remove them from the file and give the device's rate with --rate-hz"
         )
     for axis, name in enumerate(AXES):
         if np.ptp(gyro[:, axis]) == 0:

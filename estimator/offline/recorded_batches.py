@@ -53,14 +53,16 @@ def _check_range(recording: Recording, gyro_range: float) -> None:
     read = recording.gyro if recording.accel is None else np.hstack((recording.gyro, recording.accel))
     odd = np.flatnonzero(~(np.abs(read) <= np.finfo(np.float32).max).all(axis=1))
     if len(odd):
-        raise RecordingError(f"{recording.name}: sample {odd[0]} is not a finite number: leave such samples out")
+        raise RecordingError(
+            f"{recording.name}: sample {odd[0]} is not a finite number: remove such samples from the recording"
+        )
     limit = PLAUSIBLE * gyro_range if gyro_range else np.inf
     beyond = np.flatnonzero(np.any((recording.gyro > limit) | (recording.gyro < -limit), axis=1))
     if len(beyond):
         most = np.degrees(np.abs(recording.gyro[beyond[0]]).max())
         raise RecordingError(
             f"{recording.name}: {most:.0f} °/s at sample {beyond[0]} is more than twice the range given, "
-            f"{np.degrees(gyro_range):.0f} °/s; is the range right?"
+            f"{np.degrees(gyro_range):.0f} °/s: give the right range"
         )
 
 

@@ -43,12 +43,14 @@ from estimator.tracking.seconds import Seconds
 BATCH_S = 1.0
 #: logged when the first rest counts from the recording's start; live, a device just switched on would have to warm up
 _ON_BEFORE = (
-    "taken to have been on before it was recorded: live, of a device just switched on, the first {:g} s would not "
-    "count, and a turn be missed"
+    "the device is assumed to have been on before the recording began: after a power-up, the first {:g} s would not count, "
+    "and a turn would be lost"
 )
-_AT_THE_END = "calibrated as it ends: no row is corrected by that yet; --smooth corrects all of them by it"
-_UNTAUGHT = "gravity taught no scale or misalignment that is surer than what was known: the device moved too little"
-_NO_ACCEL = "gravity taught no scale or misalignment: the recording has no accelerations"
+_AT_THE_END = (
+    "the calibration was found at the end of the recording and corrects no row; --smooth corrects all rows with it"
+)
+_UNTAUGHT = "gravity gave no scale or misalignment more certain than the known values: the device moved too little"
+_NO_ACCEL = "gravity gave no scale or misalignment: the recording has no accelerometer"
 
 
 def calibrate(
@@ -163,7 +165,7 @@ def correct(
         return passed(_usable(calibration, recording)).corrected()
     if before := [one for one in recording.made if one.time_ns <= recording.begin_ns]:
         later = len(recording.made) - len(before)
-        used = _used(before[-1]) + (f"; {count(later, 'later one')} not" if later else "")
+        used = _used(before[-1]) + (f"; not used: {count(later, 'later calibration')}" if later else "")
         return passed(before[-1], used).corrected()
     found = passed(None)
     if found.calibrated:
@@ -178,7 +180,7 @@ def correct(
 
 
 def _used(one: Calibration, how: str = "") -> str:
-    return f"calibration {one.id} of this boot, which is in the recording{how}, is used"
+    return f"calibration {one.id} of this boot, which the recording holds{how}, is used"
 
 
 class _Pass:
@@ -217,7 +219,7 @@ class _Pass:
                 and not other_boot
                 and (why := _foreign(known, recording, gyro_range or recording.gyro_range)) is not None
             ):
-                self._said.append(f"{why}: its scale is taken as another boot's, its bias is not used")
+                self._said.append(f"{why}: the scale is used as one of another boot, the bias is not used")
                 other_boot = True
             remembered = PriorKnowledge(replace(known, boot=BOOT + other_boot), None)
             self._known[known.id] = known.matrix, known.id
@@ -302,7 +304,7 @@ def _usable(calibration: Calibration | Result, recording: Recording) -> Calibrat
     if known.device and recording.device and known.device != recording.device:
         raise RecordingError(
             f"calibration {known.id} is of {known.device}, the recording {recording.name} of {recording.device}: "
-            f"take one of {recording.device}, or none"
+            f"give a calibration of {recording.device}, or none"
         )
     return known if known.id else replace(known, id="given")
 
@@ -311,10 +313,10 @@ def _foreign(known: Calibration, recording: Recording, gyro_range: float) -> str
     """Return why a calibration cannot be of the recording's boot, or None; unknown values are no reason."""
     if known.boot and recording.boot and known.boot != recording.boot:
         was, now = keys.boot_id(known.boot), keys.boot_id(recording.boot)
-        return f"calibration {known.id} is of boot {was}, {recording.name} of boot {now}"
+        return f"calibration {known.id} is of boot {was}, but {recording.name} is of boot {now}"
     if gyro_range and known.gyro_range and not isclose(gyro_range, known.gyro_range, rel_tol=1e-3):
         was, now = np.degrees(known.gyro_range), np.degrees(gyro_range)
-        return f"calibration {known.id} was made at a range of {was:.5g} °/s, {recording.name} has {now:.5g} °/s"
+        return f"calibration {known.id} was made at a range of {was:.5g} °/s, but {recording.name} has {now:.5g} °/s"
     if known.rate_hz and not same_rate(recording.rate_hz, known.rate_hz):
-        return f"calibration {known.id} was made at {known.rate_hz:.5g} Hz, {recording.name} has {recording.rate_hz:.5g} Hz"
+        return f"calibration {known.id} was made at {known.rate_hz:.5g} Hz, but {recording.name} has {recording.rate_hz:.5g} Hz"
     return None

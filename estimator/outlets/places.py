@@ -41,6 +41,4 @@ class Places:
     def _warn(self, device: str) -> None:
         if not self._warned:
             self._warned = True
-            log.warning(
-                "%s and later devices are left out: %d devices, the most allowed, are shown already", device, self._most
-            )
+            log.warning("%s and later devices are left out: at most %d devices can be shown", device, self._most)

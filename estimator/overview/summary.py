@@ -217,8 +217,8 @@ def _reasons(status: Status | None, info: DeviceInfo | None) -> dict[str, int]:
         elsewhere = {
             label.removeprefix(ELSEWHERE): n for label, n in status.events.items() if label.startswith(ELSEWHERE)
         }
-        reasons.update({f"sent by {bridge} as well": n for bridge, n in elsewhere.items()})
-        reasons.update({"messages, far more than its share": status.events.get(FLOODED, 0)})
+        reasons.update({f"also sent by {bridge}": n for bridge, n in elsewhere.items()})
+        reasons.update({"messages above its quota": status.events.get(FLOODED, 0)})
     if info is not None:
         reasons.update({f"{in_words(label)} (at {info.bridge})": n for label, n in info.dropped.items()})
     return {why: n for why, n in reasons.most_common() if n}

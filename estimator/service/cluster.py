@@ -29,7 +29,7 @@ TAKEN_AT_ONCE = 8
 HELD_UP_S = 0.5
 _TOKENS, _SAID = 65536, 64
 #: messages of another estimator with this estimator's id are counted under this name
-DOUBLE = "messages of another estimator with our id"
+DOUBLE = "messages of another estimator with the same id"
 
 
 class Cluster:
@@ -158,8 +158,8 @@ class Cluster:
         if hash(message.payload) in self._mine or self._counts.add(DOUBLE) > 1:
             return
         log.error(
-            "another estimator has the id %s too, and both correct its devices: stop one, or give it another id and a store"
-            " of its own (more is only counted)",
+            "another estimator also has the id %s, and both correct the same devices: stop one of them, or give it another"
+            " id and its own store (further messages are only counted)",
             self.membership.own,
         )
 
@@ -175,9 +175,9 @@ class Cluster:
 
     def _notice(self, came: list[str], gone: list[str]) -> None:
         for name in came:
-            log.info("estimator %s joined the ward: devices are shared with it", name)
+            log.info("estimator %s joined the ward and takes a share of the devices", name)
         for name in gone:
-            log.warning("estimator %s is gone: the other estimators take its devices", name)
+            log.warning("estimator %s is gone: the other estimators take over its devices", name)
         if came or gone:
             self._scan, self._next_say = True, 0.0
             self._why = (

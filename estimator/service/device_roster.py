@@ -53,7 +53,7 @@ class DeviceRoster(dict[str, Device]):
             return True
         if self._counts.add(TOO_MANY, samples) == samples:
             log.error(
-                "%d devices is the limit, further devices are refused and counted: list the ward's devices in [devices]",
+                "at most %d devices are allowed; further devices are refused and counted: list the ward's devices in [devices]",
                 len(self),
             )
         return False

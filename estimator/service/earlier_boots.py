@@ -59,7 +59,7 @@ class EarlierBoots:
     def _dated(self, device: Device, c: Calibration | None) -> Calibration | None:
         """Pass a calibration through; logs a warning if its time lies in the future."""
         ahead_s = 0.0 if c is None else (c.time_ns - self._now_ns()) / 1e9
-        if c is not None and ahead_s > AHEAD_S and device.session.count_event("calibration of a time to come") == 1:
+        if c is not None and ahead_s > AHEAD_S and device.session.count_event("calibration dated in the future") == 1:
             words = (
                 "calibration %s is dated %.1f days in the future: this machine's clock was wrong then, or is wrong now"
             )

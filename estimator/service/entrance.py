@@ -76,8 +76,8 @@ class Newcomers:
                 return True
         if self._counts.add(REFUSED) == 1:
             log.warning(
-                "more new devices send than are admitted at once (bridge %s; more are only counted): list the ward's devices in"
-                " [devices] if they are real",
+                "too many new devices at once (bridge %s): some are refused. If they are real, list the ward's devices in"
+                " [devices] (further refusals are only counted)",
                 bridge,
             )
         return False

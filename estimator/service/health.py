@@ -108,7 +108,10 @@ class ServiceHealth:
         yield from certificate(self.routers)
         note = self._note
         yield MetricFamily(
-            "bus_connected", "1 while a router is connected.", (), {(): float(note is not None and note.connected)}
+            "bus_connected",
+            "1 while the estimator is connected to a router, else 0.",
+            (),
+            {(): float(note is not None and note.connected)},
         )
         if note is None:
             return
@@ -119,9 +122,11 @@ class ServiceHealth:
             {(): self._clock() - note.time_s},
         )
         yield MetricFamily(
-            "busy_ratio", "Working share of the service's loop in the last second, 0 to 1.", (), {(): note.busy}
+            "busy_ratio", "Share of the last second in which the service's loop worked, 0 to 1.", (), {(): note.busy}
         )
-        yield MetricFamily("store_writable", "1 while the store can be written.", (), {(): float(not note.store)})
+        yield MetricFamily(
+            "store_writable", "1 while the store can be written, else 0.", (), {(): float(not note.store)}
+        )
         states = Counter(d.status.state.name.lower() for d in note.devices.values())
         yield MetricFamily(
             "devices",
@@ -131,14 +136,14 @@ class ServiceHealth:
         )
         yield MetricFamily(
             "ward_events",
-            "Messages and samples of the ward that were refused or lost, by cause.",
+            "Events of the ward, such as messages and samples refused or lost, by cause.",
             ("event",),
             {(label,): n for label, n in note.counts.items()},
             counter=True,
         )
         yield MetricFamily(
             "law_violations_all",
-            "Violations of received = corrected + dropped on the whole ward; should stay 0.",
+            "Times that samples received differed from corrected + dropped, on the whole ward; should stay 0.",
             (),
             {(): note.violations},
             counter=True,
@@ -147,7 +152,7 @@ class ServiceHealth:
         subjects = {name: device.alerts for name, device in note.devices.items()} | {"": note.alerts}
         yield MetricFamily(
             "alert",
-            "1 for each standing alert, by device, or without one of the estimator itself; see docs/alerts.md.",
+            "1 for each standing alert; the label device is empty for an alert of the estimator itself. See docs/alerts.md.",
             ("device", "kind"),
             {(name, kind): 1.0 for name, kinds in subjects.items() for kind in kinds},
         )
@@ -172,11 +177,11 @@ def _of_devices(devices: Mapping[str, DeviceHealth]) -> Iterator[MetricFamily]:
     )
     yield family(
         "law_violations",
-        "Violations of received = corrected + dropped of a device; should stay 0.",
+        "Times that samples received differed from corrected + dropped, of a device; should stay 0.",
         lambda d: d.violations,
         counter=True,
     )
-    yield family("needs_person", "1 if a person has to do something.", lambda d: d.needs_person)
+    yield family("needs_person", "1 if the device needs a person, else 0.", lambda d: d.needs_person)
     yield family("rate_hz", "Samples per second of the device's clock.", lambda d: d.status.rate_hz)
     yield family(
         "latency_seconds", "Seconds from a sample's receipt at the bridge to its publication.", lambda d: d.latency_s
@@ -188,7 +193,7 @@ def _of_devices(devices: Mapping[str, DeviceHealth]) -> Iterator[MetricFamily]:
     )
     yield family(
         "nis",
-        "Mean normalised innovation squared per degree of freedom; about 1 for an honest filter.",
+        "Mean normalised innovation squared per degree of freedom; about 1 if the filter states its uncertainty correctly.",
         lambda d: d.nis,
     )
     yield family(

@@ -125,9 +125,11 @@ class Intake:
             return  # a repeat is no sign of life: it may come from a recording
         device.heard = now
         if ruling is Ruling.RANGE:
-            if device.session.count_event("refused leap") == 1:
+            if device.session.count_event("sample number jump refused") == 1:
                 log.warning(
-                    "%s: sample number %d is refused: no device skips so many numbers", device.name, batch.sequence
+                    "%s: sample number %d is refused: it is too far from the earlier numbers",
+                    device.name,
+                    batch.sequence,
                 )
             return
         if ruling in BEGINS:

@@ -205,7 +205,7 @@ def _of_noise(rows: Sequence[Row]) -> Finding:
         f"rms error of k {first.k_rms:.0e} to {last.k_rms:.0e} for {first.value:g} to {last.value:g} °/s "
         f"(noise to the power {power:.2f}); bias {last.k_mean:+.0e} ± {last.k_mean_ci:.0e} at most",
         "agrees" if seen and power > 0 else "agrees in part" if power > 0.5 else "differs",
-        "" if seen else "the error grows with noise; no bias can be told from zero",
+        "" if seen else "the error grows with noise; no bias differs significantly from zero",
     )
 
 

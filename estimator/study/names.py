@@ -7,6 +7,6 @@ STUDIES = {
     "sensors": "the paper's two sensors by its four methods and closure (tables 2 and 3)",
     "magnitude": "magnitude of a known rate about x, y, z, before and after calibration (figure 9)",
     "orientation": "orientation over ±360° about x, y, z, before and after calibration (figures 2, 10)",
-    "analysis": "what noise, sampling rate, hand and times do to the scale factor (the error analysis)",
+    "analysis": "effects of noise, sampling rate, hand and times on the scale factor (the error analysis)",
     "real": "a real session through every method that applies, beside imucal's numbers",
 }

@@ -186,19 +186,19 @@ BAD: dict[str, Callable[[int], Trial]] = {
     "a turn is missing": _odd(_missing),
     "a wrong angle about a horizontal axis": _odd(_horizontal, accel=True),
     "half or double about the vertical": _odd(_vertical),
-    "swings for turns": _odd(_swings),
+    "swings instead of turns": _odd(_swings),
     "turned for 16 to 40 s": _odd(_slow),
     "samples lost in a turn": _spoilt(_lost),
-    "clipped, unsaid": _spoilt(_clipped),
-    "clipped in pushes, unsaid": _pushed,
+    "clipped, not flagged": _spoilt(_clipped),
+    "clipped in pushes, not flagged": _pushed,
     "warming up": _spoilt(_warming),
     "axes misaligned by up to 2 %": _misaligned,
     "a wrong angle about the vertical, not allowed": _level,
     "moved while still": _spoilt(_moved_while_still),
     "the bias jumps": _spoilt(_bias_jump),
     "axes swapped or mirrored": _never(lambda s, rng: _with(s, s.gyro @ rng.choice(FOREIGN).T)),
-    "degrees for radians": _never(lambda s, _: _with(s, np.degrees(s.gyro))),
-    "radians for degrees": _never(lambda s, _: _with(s, np.radians(s.gyro))),
+    "degrees instead of radians": _never(lambda s, _: _with(s, np.degrees(s.gyro))),
+    "radians instead of degrees": _never(lambda s, _: _with(s, np.radians(s.gyro))),
     "half or double the rate": _never(lambda s, rng: _faster(s, float(rng.choice([0.5, 2.0])))),
 }
 
@@ -274,13 +274,13 @@ def run(console: Console, runs: int, method: str, workers: int | None) -> None:
         table.add(f"undetectable: {kind}", *(str(count[kind]) for count in (seen, accepted, wrong, too_sure)))
     console.print(table)
     console.print(
-        "wrong: accepted with a scale factor off by more than 1 % and 4 std, or with nothing that could be right; too sure: "
-        "off by more than 0.2 % and 5 std"
+        "wrong: accepted, although a scale factor is off by more than 1 % and 4 std, or no result could be right. "
+        "too sure: off by more than 0.2 % and 5 std"
     )
     refused, accepted_wrong = runs - accepted[GOOD], sum(wrong[kind] for kind in (GOOD, *kinds))
     console.print(
-        f"{refused} of {runs} good sessions refused ({100 * refused / runs:.2f} %); {accepted_wrong} wrong ones accepted, "
-        "the undetectable left out: their results say that they are right if the turns were exactly 360°"
+        f"{refused} of {runs} good sessions refused ({100 * refused / runs:.2f} %); {accepted_wrong} wrong ones accepted. "
+        "Undetectable ones do not count: their results state that each turn is assumed to be exactly 360°"
     )
 
 

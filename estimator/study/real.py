@@ -96,7 +96,7 @@ def tables(found: Real) -> Sequence[RenderableType]:
     table = Columns(
         [Column("method", least=11), *(Column(f"k_{a}", number=True) for a in _AXES), Column("std", number=True, spare=1),
          *(Column(f"{a} open °", number=True) for a in _AXES), Column("verdict")],
-        title=f"{found.recording}: scale factors, and by how much the turns do not close",
+        title=f"{found.recording}: scale factors, and closure errors of the turns",
     )  # fmt: skip
     for row in found.rows:
         k = ["–"] * 3 if row.k is None else [f"{x:.4f}" for x in row.k]

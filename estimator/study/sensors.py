@@ -188,7 +188,7 @@ def _table(found: Sensors, name: str) -> Finding:
     }
     return Finding(
         name,
-        f"{of['b']} of the paper's b and {of['k']} of its k are where 95 % of ours are; k within {ours:.4f} (proposed)",
+        f"{of['b']} of the paper's b and {of['k']} of its k lie in our 95 % range; k within {ours:.4f} (proposed)",
         "agrees" if share > 0.9 else "agrees in part" if share > 0.3 else "differs",
         f"the paper's k are off by up to {theirs:.4f}, {theirs / ours:.0f} times what such a hand and sensor explain",
     )

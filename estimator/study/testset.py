@@ -146,7 +146,9 @@ def findings(found: Testset) -> Sequence[Finding]:
             "testset",
             f"{100 * left.rms:.2g} % of before (rms); {100 * left.most:.2g} % or less in 97.5 % of runs",
             "agrees" if left.rms <= found.paper_left else "differs",
-            "less is left than the paper says; its test rate is not given" if left.rms < found.paper_left / 3 else "",
+            "less error is left than the paper states; the paper gives no test rate"
+            if left.rms < found.paper_left / 3
+            else "",
         ),
     )
 

@@ -69,7 +69,7 @@ class Guard:
         headers = Headers(scope=scope)
         host = headers.get("host", "")
         if not own_host(host, {"localhost", *(name.lower() for name in self._settings().hosts)}):
-            words = f"This is not the host {host[:80]!r}; name it in `hosts` of [dashboard]."
+            words = f"The host {host[:80]!r} is unknown: add it to `hosts` in [dashboard]."
             return Fault(HTTPStatus.BAD_REQUEST, "foreign_host", words)
         if scope["type"] == "http" and scope["method"] in _SAFE:
             return None
@@ -77,12 +77,14 @@ class Guard:
             return None
         ours, origin = f"{_SCHEMES[scope['scheme']]}://{host.lower()}", headers.get("origin")
         if origin is not None and origin.lower() != ours:
-            words = f"A page of another origin asks: {origin[:80]!r} is not {ours}."
+            words = f"The request comes from a page of another origin: {origin[:80]!r} is not {ours}."
             if origin.lower() == f"https:{ours.partition(':')[2]}":
-                words += " Where a proxy ends TLS, `behind_proxy` of [dashboard] and X-Forwarded-Proto say so."
+                words += (
+                    " If a proxy ends TLS, set `behind_proxy` in [dashboard], and let the proxy send X-Forwarded-Proto."
+                )
             return Fault(HTTPStatus.FORBIDDEN, "foreign_origin", words)
         if origin is None and headers.get("sec-fetch-site", "none") not in ("same-origin", "none"):
-            return Fault(HTTPStatus.FORBIDDEN, "foreign_origin", "A page of another site asks.")
+            return Fault(HTTPStatus.FORBIDDEN, "foreign_origin", "The request comes from a page of another site.")
         return None
 
 

@@ -71,9 +71,9 @@ class Hub:
     def full(self, address: str) -> str:
         """Return why no further viewer is accepted from an address, as text; empty if there is room."""
         if len(self.viewers) >= VIEWERS:
-            return f"{VIEWERS} pages look already; this one tries again"
+            return f"{VIEWERS} pages are open already; this page tries again"
         if sum(viewer.address == address for viewer in self.viewers) >= OF_ONE_ADDRESS:
-            return f"{OF_ONE_ADDRESS} pages look already from {address}; this one tries again"
+            return f"{OF_ONE_ADDRESS} pages are open already from {address}; this page tries again"
         return ""
 
     def add(self, address: str = "") -> Viewer:

@@ -106,7 +106,7 @@ class _Bounded(H11Protocol):
     def _too_many(self) -> str:
         """Why a connection is refused, in words; empty when there is room. A proxy limits its own clients."""
         if len(self.connections) > self.most:
-            return f"{self.most} are open"
+            return f"{self.most} connections are open"
         address = self.client[0] if self.client else ""
         if address in self.proxies:
             return ""
@@ -114,7 +114,7 @@ class _Bounded(H11Protocol):
         for one in self.connections:
             client: Any = getattr(one, "client", None)
             there += client is not None and neighbourhood(client[0]) == near
-        return f"{OF_ONE_ADDRESS} are open from {near}" if there > OF_ONE_ADDRESS else ""
+        return f"{OF_ONE_ADDRESS} connections are open from {near}" if there > OF_ONE_ADDRESS else ""
 
 
 class Listener(uvicorn.Server):

@@ -57,7 +57,7 @@ async def live(socket: WebSocket) -> None:
     except (WebSocketDisconnect, KeyError, RuntimeError):
         pass  # disconnected, possibly noticed by the sender first, or the client sent bytes
     except TimeoutError:
-        await _close(socket, _SILENT, "it was not said what to watch")
+        await _close(socket, _SILENT, "no topics were requested in time")
     except ValueError as error:
         await _close(socket, _WRONG, str(error)[:100])
     finally:
@@ -99,5 +99,5 @@ def _wished(text: str) -> list[str]:
         raise ValueError(f"not understood: {error}") from None
     unknown = [topic for topic in wish.watch if kind_of(topic) is None]
     if unknown or len(wish.watch) > TOPICS:
-        raise ValueError(f"no such topic: {unknown[0][:40]!r}" if unknown else f"at most {TOPICS} topics")
+        raise ValueError(f"unknown topic {unknown[0][:40]!r}" if unknown else f"at most {TOPICS} topics")
     return wish.watch

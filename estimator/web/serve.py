@@ -140,7 +140,7 @@ def run(ward: Ward, file: WardFile[Ward] | None = None, people: WardFile[Ward] |
     store = Path(ward.estimator.store) if ward.estimator else None
     if settings.commanded and not settings.local and not settings.behind_proxy and not settings.certificate:
         log.warning(
-            "%s is reached over the network without TLS: passwords can be read on the way; docs/dashboard.md, On a network",
+            "%s is reached over the network without TLS: passwords can be intercepted; see “On a network” in docs/dashboard.md",
             settings.listen,
         )
     listed = people or file

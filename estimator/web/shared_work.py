@@ -42,7 +42,7 @@ class SharedWork(Generic[T]):
         refuse_s = time.monotonic() + PATIENCE_S
         while key not in self._askers and len(self._askers) >= WAITING:
             if time.monotonic() > refuse_s:
-                words = "Too many others ask for the like at this moment; try again."
+                words = "Too many requests of this kind are running; try again."
                 raise Fault(HTTPStatus.SERVICE_UNAVAILABLE, "busy", words, {"Retry-After": "5"})
             await asyncio.sleep(0.05)
         if key not in self._tasks:
@@ -56,7 +56,12 @@ class SharedWork(Generic[T]):
         try:
             await asyncio.wait({task, leaves}, return_when=asyncio.FIRST_COMPLETED)
             if not task.done() or (answer := task.result()) is None:
-                raise Fault(HTTPStatus.REQUEST_TIMEOUT, "incomplete", "The client has left.", {"Connection": "close"})
+                raise Fault(
+                    HTTPStatus.REQUEST_TIMEOUT,
+                    "incomplete",
+                    "The client closed the connection.",
+                    {"Connection": "close"},
+                )
             return answer
         finally:
             leaves.cancel()

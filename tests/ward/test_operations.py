@@ -66,7 +66,7 @@ def running(tmp_path: Path) -> Iterator[Running]:
         ward.config.write_text(text, encoding="utf-8")
         ward.start("estimator")
         deadline = time.monotonic() + 60
-        while "waiting for it" not in ward.log("estimator") and time.monotonic() < deadline:
+        while "trying again until a router answers" not in ward.log("estimator") and time.monotonic() < deadline:
             time.sleep(0.05)
         assert get(ports[1], "/healthz") == (200, "ok\n"), "it lives while it waits for a router"
         assert get(ports[1], "/readyz") == (503, "no router yet\n")

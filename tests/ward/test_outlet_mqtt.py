@@ -208,7 +208,7 @@ def test_tls_trusts_the_named_authority_only(
         ("host", "the broker's address is 'host': write for example mqtt://127.0.0.1"),
         (
             "mqtt://a:b@host",
-            "the broker's address holds a password: put it into a file, and name it by --password-file",
+            "the broker's address holds a password: put the password into a file, and name the file with --password-file",
         ),
         ("mqtt://host?ca=x", "TLS is needed for ca: write mqtts://"),
     ],

@@ -19,7 +19,7 @@ def test_devices_come_and_leave_and_the_others_notice_nothing(tmp_path: Path) ->
     assert [code for code, _ in outcome.said] == [0, 0, 0]
     said = "\n".join(words for _, words in outcome.said)
     for change in (f"+{ADDED}.", f"-going +{RENAMED}.", f"-{ADDED}."):
-        assert f"bridge bridge-1: Now in force from the ward's file: bridge.devices {change}" in said
+        assert f"bridge bridge-1: Now in force from the ward file: bridge.devices {change}" in said
     assert outcome.samples > 2000
     assert outcome.undisturbed, outcome
 
@@ -48,11 +48,11 @@ def test_a_ward_with_certificates_takes_a_change_and_refuses_a_fault(
         text = ward.config.read_text("utf-8").replace(f'connect = ["{ward.endpoint}"]', by_tls)
         ward.config.write_text(text, "utf-8")
         ward.start("bridge", "estimator", "dashboard")
-        in_force = [f"{name}: All of the ward's file is in force." for name in programs]
+        in_force = [f"{name}: The whole ward file is in force." for name in programs]
         reloaded(text, 0, *in_force)
         more = text.replace("[estimator]", '[[bridge.devices]]\nid = "more"\ndriver = "simulated"\n\n[estimator]')
         more += '\n[estimator.models]\nstays = "lsm9ds1"\n[alerts]\nquiet_hours = "22:00-06:00"\n'
-        taken = "Now in force from the ward's file:"
+        taken = "Now in force from the ward file:"
         both = f"{taken} estimator.models +stays; alerts.quiet_hours."
         reloaded(
             more, 0, f"{programs[0]}: {taken} bridge.devices +more.", f"{programs[1]}: {both}", f"{programs[2]}: {both}"
@@ -63,6 +63,6 @@ def test_a_ward_with_certificates_takes_a_change_and_refuses_a_fault(
         ]
         reloaded(more.replace("truerate.sqlite3", "other.sqlite3"), 1, in_force[0], *waits[1:])
         reloaded(more.replace('"simulated"', '"simulate"'), 2, "unknown driver 'simulate'; did you mean 'simulated'?")
-        until("bridge", lambda: "earlier one stays in force" in ward.log("bridge"), ward)
+        until("bridge", lambda: "earlier settings stay in force" in ward.log("bridge"), ward)
         reloaded(more, 0, *in_force)
     assert not ward.complaints

@@ -121,7 +121,7 @@ def test_so_many_viewers_from_one_address_and_a_further_one_is_told(
             third.receive_text()
         assert (gone.value.code, gone.value.reason) == (
             1013,
-            "2 pages look already from testclient; this one tries again",
+            "2 pages are open already from testclient; this page tries again",
         )
     with asking.client.websocket_connect(LIVE) as later:
         later.send_text('{"watch": ["ward"]}')
@@ -226,7 +226,7 @@ def test_one_address_has_so_many_connections_and_is_told(
     for _ in range(2):
         with closing(connected(site)) as more:
             assert all_of(more).startswith("HTTP/1.1 503 ")
-    assert caplog.text.count("a connection is refused: 3 are open from 127.0.0.1") == 1
+    assert caplog.text.count("a connection is refused: 3 connections are open from 127.0.0.1") == 1
     for one in many:
         one.close()
     until(lambda: not site.server.uvicorn.server_state.connections)

@@ -235,7 +235,7 @@ WRONG = [
     ("hz=nan", 400, "'hz' is 'nan'"),
     ("after=chest", 400, "'after' is 'chest': use DEVICE.BOOT.NUMBER"),
     ("&".join(f"device=d{n}" for n in range(33)), 400, "'device' is given 33 times"),
-    ("colour=red", 400, "There is no parameter 'colour'"),
+    ("colour=red", 400, "Unknown parameter 'colour'"),
 ]
 
 

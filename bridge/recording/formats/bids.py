@@ -46,14 +46,16 @@ def read(path: Path, reading: Reading) -> Table:
     layout = Layout("\t", ".", names, len(names), 0, _rate(path, rows[chosen[0]]))
     table = reader.read(path, reading, layout)
     if left := [rows[at]["name"] for at in chosen if not names[at]]:
-        table.notes.append(f"{', '.join(left)}: not used; the first rates of a tracked point are")
+        table.notes.append(f"{', '.join(left)}: not used; truerate reads only the first rates of a tracked point")
     return table
 
 
 def _channels(path: Path) -> list[Row]:
     sidecar = _sidecar(path, "channels.tsv")
     if sidecar is None:
-        raise RecordingError(f"{path}: no *_channels.tsv beside it names the columns: copy it from the dataset")
+        raise RecordingError(
+            f"{path}: the file *_channels.tsv with the column names is missing: copy it from the dataset"
+        )
     with sidecar.open(encoding="utf-8-sig", newline="") as file:
         rows = list(csv.DictReader(file, delimiter="\t"))
     if not rows or not {"name", "type"} <= set(rows[0]):

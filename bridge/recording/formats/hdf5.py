@@ -107,7 +107,9 @@ def _array(path: Path, dataset: Any) -> Array:
     if elsewhere:  # a file from others could otherwise copy any file that its reader may read
         raise RecordingError(f"{path}: {dataset.name!r} refers to another file: copy the values into this file")
     if dataset.size * dataset.dtype.itemsize > MAX_BYTES:
-        raise RecordingError(f"{path}: {dataset.name!r} has {dataset.size} values: split the file")
+        raise RecordingError(
+            f"{path}: {dataset.name!r} has {dataset.size} values, more than {MAX_BYTES} bytes: split the file"
+        )
     array: Array = dataset[()]
     return np.asarray(array)
 

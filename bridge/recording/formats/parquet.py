@@ -49,7 +49,9 @@ def read(path: Path, reading: Reading) -> Table:
             names.append(name)
             columns.append(column.to_numpy().astype(np.float64))
     if not columns:
-        raise RecordingError(f"{path}: no columns of numbers: give a column per axis, named as gyro_x_rad_s")
+        raise RecordingError(
+            f"{path}: no columns of numbers: give one column per axis, with names such as gyro_x_rad_s"
+        )
     return reader.read_columns(path, names, np.column_stack(columns), reading)
 
 

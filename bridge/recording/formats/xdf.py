@@ -42,7 +42,7 @@ def read(path: Path, reading: Reading) -> Table:
     )
     if len(whole) > len(likely):
         table.notes.insert(
-            0, f"read is the stream {_first(info, 'name')}, whose channels are named as those of a gyroscope"
+            0, f"the stream {_first(info, 'name')} is read, because its channels have names of gyro axes"
         )
     return table
 

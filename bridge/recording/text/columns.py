@@ -181,7 +181,8 @@ def _vector(path: Path, layout: Layout, names: list[Name], kind: str, sensor: st
         if len(whole) > 1:
             each = [",".join(layout.names[at] for at in triples[0].at) for triples in whole.values()]
             raise RecordingError(
-                f"{path}: {len(whole)} sensors with such columns: {'; '.join(each[:4])}; choose one, such as --columns {each[0]}"
+                f"{path}: {len(whole)} sensors have {kind} columns: {'; '.join(each[:4])}; choose one sensor, such as"
+                f" --columns {each[0]}"
             )
         if whole:
             found = next(iter(whole.values()))
@@ -196,7 +197,7 @@ def _accel(path: Path, layout: Layout, names: list[Name], found: Columns, sensor
         return _vector(path, layout, names, "accel", sensor)
     except RecordingError as several:
         found.notes.append(
-            f"no accelerometer is used: {str(several).removeprefix(f'{path}: ')}, after those of the gyro"
+            f"no accelerometer is used: {str(several).removeprefix(f'{path}: ')} after the gyro's columns"
         )
         return []
 

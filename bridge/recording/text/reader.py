@@ -170,9 +170,10 @@ def _by_gravity(layout: Layout, triple: Triple, accel: Floats) -> tuple[float | 
     length = float(np.median(lengths)) if len(lengths) else 0.0
     for unit in ("g", "m/s2", "mg"):
         if abs(length * ACCEL[unit] / STANDARD_GRAVITY - 1) < _NEAR_GRAVITY:
-            return ACCEL[
-                unit
-            ], f"the unit of {name!r} is not stated; its median length of {length:.4g} is gravity in {unit}"
+            note = (
+                f"the unit of {name!r} is not stated; {unit} is used, as its median length of {length:.4g} is gravity"
+            )
+            return ACCEL[unit], note
     return None, (
         f"{name!r} is not used: its unit is not stated, and its median length of {length:.4g} is not gravity in g, m/s² or "
         "mg. Give --accel-unit; for raw counts give the counts per g with --accel-sensitivity"
@@ -226,13 +227,12 @@ def _unit(path: Path, layout: Layout, clock: Clock, time: Floats) -> tuple[float
         span = float(np.ptp(finite)) / len(steps)
     fits = [unit for unit in ("s", "ms", "us", "ns") if span and _SLOW_HZ <= 1 / (span * TIME[unit]) <= _FAST_HZ]
     if fits:
-        return TIME[
-            fits[0]
-        ], f"the unit of {name!r} is not stated; its steps of {span:.6g} fit an IMU's rate only in {fits[0]}"
+        note = f"the unit of {name!r} is not stated; {fits[0]} is used, as only so do steps of {span:.6g} fit an IMU's rate"
+        return TIME[fits[0]], note
     if not span:
         return 1.0, ""
     raise RecordingError(
-        f"{path}: the unit of {name!r} is not stated, and its steps of {span:.6g} fit an IMU's rate in no unit: give "
+        f"{path}: the unit of {name!r} is not stated, and in no unit do its steps of {span:.6g} fit an IMU's rate: give "
         "--time-unit, or the device's rate with --rate-hz"
     )
 
@@ -246,8 +246,8 @@ def _join(path: Path, table: Table, other_path: Path, other: Table) -> None:
     if ours is None or theirs is None:
         if len(accel) != len(table.columns["gyro_rad_s"]):
             raise RecordingError(
-                f"{other_path}: {count(len(accel), 'row')}, but no times in both files to match them with the "
-                f"{count(len(table.columns['gyro_rad_s']), 'row')} of {path}: export both files with times"
+                f"{other_path} has {count(len(accel), 'row')}, {path} has {count(len(table.columns['gyro_rad_s']), 'row')}: "
+                "without times the rows cannot be matched: export both files with times"
             )
         table.columns["accel_m_s2"] = accel
         return
@@ -257,7 +257,7 @@ def _join(path: Path, table: Table, other_path: Path, other: Table) -> None:
     inside = (ours >= known[0]) & (ours <= known[-1]) if len(known) else np.zeros(len(ours), bool)
     if np.mean(inside) < 0.5:
         raise RecordingError(
-            f"{other_path}: its times overlap less than half of {path}: give the accelerometer file of the same session"
+            f"{other_path}: the times cover less than half of {path}: give the accelerometer file of the same session"
         )
     table.columns["accel_m_s2"] = np.stack([np.interp(ours, known, values[:, axis]) for axis in range(3)], axis=1)
     table.notes.append(f"the accelerometer is read from {other_path.name} and interpolated")

@@ -27,7 +27,11 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
         help="address to listen on; everybody who reaches it sees the ward's data (default: %(default)s)",
     )
     verb.add_argument(
-        "--port", type=int, default=PORT, metavar="PORT", help="port to listen on; 0: any (default: %(default)s)"
+        "--port",
+        type=int,
+        default=PORT,
+        metavar="PORT",
+        help="port to listen on; 0: any free port (default: %(default)s)",
     )
     verb.add_argument(
         "--allow-recalibrate",
@@ -42,11 +46,11 @@ def roles(given: argparse.Namespace) -> tuple[Role, ...]:
     Raises ConfigError for an invalid port, and for --allow-recalibrate on an address that other machines can reach.
     """
     if not 0 <= given.port <= 65535:
-        raise ConfigError(f"--port is {given.port}: use 1 to 65535, or 0 for any")
+        raise ConfigError(f"--port is {given.port}: use 1 to 65535, or 0 for any free port")
     if given.allow_recalibrate and given.host not in _LOOPBACK:
         raise ConfigError(
-            f"--allow-recalibrate with --host {given.host}: Foxglove knows no persons, so everybody who reaches the port could"
-            " recalibrate; omit one of them, or use the dashboard, which asks for a name and a password"
+            f"--allow-recalibrate with --host {given.host}: Foxglove has no passwords, so everybody who reaches the port could"
+            " recalibrate: omit one of the two options, or use the dashboard, which asks for a password"
         )
     return (Role.COMMANDER,) if given.allow_recalibrate else ()
 

@@ -51,6 +51,6 @@ def serve(client: "Client", devices: Sequence[str] | None, given: argparse.Names
         raise ConfigError(
             "pylsl finds no liblsl on this machine: install it from https://github.com/sccn/liblsl/releases"
         ) from error
-    _log.warning("LSL neither encrypts nor asks who reads: its streams are open to this machine's network")
+    _log.warning("LSL has no encryption and no passwords: every machine in this network can read the streams")
     LslOutlet(client, devices, frozenset(given.kinds or ())).run(stop)
     return 0

@@ -32,7 +32,7 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
         "--password-file", type=Path, metavar="FILE", help="file with the user's password in its first line"
     )
     verb.add_argument(
-        "--hz", type=int, default=1, choices=(1, 2, 5, 10), help="messages a second of each device (default: 1)"
+        "--hz", type=int, default=1, choices=(1, 2, 5, 10), help="messages per second and device (default: 1)"
     )
     verb.add_argument("--topic", default="truerate", metavar="T", help="first level of every topic (default: truerate)")
 

@@ -53,7 +53,7 @@ def address_of(text: str, example: str) -> Address:
         user, _, place = rest.rstrip("/").rpartition("@")
         if ":" in user:
             raise ValueError(
-                "the broker's address holds a password: put it into a file, and name it by --password-file"
+                "the broker's address holds a password: put the password into a file, and name the file with --password-file"
             )
         if not place.rpartition("]")[2].count(":"):
             place = f"{place}:{_PORTS[scheme]}"

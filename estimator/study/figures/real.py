@@ -36,7 +36,7 @@ def real(found: Real) -> Figure:
             else COLOURS[[r.method for r in rows if r.method != "imucal"].index(row.method)]
         )
         closures.bar(np.arange(3) + shift, row.closure_deg or [], 0.75 / len(closed), color=colour, alpha=0.7)
-    closures.set(title="what the turns do not close by", ylabel="degrees")
+    closures.set(title="closure error of the turns", ylabel="degrees")
     closures.set_xticks(range(3), [f"about {axis}" for axis in AXES])
     handles: list[Line2D | Patch] = [
         Line2D([], [], color=PAPER, linestyle="--", label="imucal's scale factor"),

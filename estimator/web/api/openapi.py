@@ -16,14 +16,14 @@ _DEVICE = {
     "name": "device",
     "in": "path",
     "required": True,
-    "description": "its id, as `truerate devices` shows it",
+    "description": "device id, as `truerate devices` shows it",
     "schema": {"type": "string", "pattern": "^" + ID.pattern.removesuffix(r"\Z") + "$"},
 }
 _COMMANDS = {
-    "recalibrate": "Ask for three new turns; the old calibration stays in use until they are taken. `words` is the reason.",
-    "cancel": "Stop a calibration under way; the old one stays.",
-    "note": "Mark this moment of a device with `words`: kept, and in every recording of the ward.",
-    "place": "Say where and by whom the device is worn from now on; an empty body ends the placement.",
+    "recalibrate": "Request three new turns. The old calibration stays in use until they are accepted. `words` is the reason.",
+    "cancel": "Cancel a running calibration. The previous calibration stays in use.",
+    "note": "Attach the note `words` to this moment of a device. The store and all running recordings keep the note.",
+    "place": "State where and by whom the device is worn from now on. An empty body ends the placement.",
 }
 
 
@@ -32,58 +32,59 @@ def document() -> dict[str, Any]:
     """Return the complete OpenAPI 3.1 document as JSON-compatible values; built once, then cached."""
     kinds = (Devices, Device, Calibrations, Answer, Reply, Words, Placing, Standings, Error)
     _, schemas = msgspec.json.schema_components(kinds, ref_template=_REF)
-    of_one = {400: "no id of a device, or a parameter", 404: "no such device was heard of"}
+    of_one = {400: "invalid device id, or unknown parameter", 404: "device was never heard"}
     return {
         "openapi": "3.1.0",
         "info": {
             "title": "truerate",
             "version": version("truerate"),
-            "description": "The devices of a ward. Everybody may look; commands need a name and a secret. "
-            "Rates are rad/s, times ISO 8601 in UTC; null is not known. A parameter that is not told is refused. "
-            "Beside what is told of each place, every place answers an `Error` with 400 to a foreign `Host`, with 405 to "
-            "another method, and with 500 where the dashboard itself fails.",
+            "description": "The devices of a ward. Everybody may read; commands need a name and a secret. "
+            "Rates are in rad/s, times in ISO 8601 and UTC; null means unknown. A parameter that is not listed is refused. "
+            "Besides the listed answers, every path answers an `Error`: 400 to a foreign `Host`, 405 to another method, "
+            "and 500 if the dashboard itself fails.",
             "license": {"name": "MIT", "identifier": "MIT"},
         },
         "paths": {
             "/api/v1/devices": {
                 "get": _get(
                     "listDevices",
-                    "All devices, those that need a person first",
+                    "All devices; those that need a person come first",
                     Devices,
                     [],
-                    {400: "no such parameter"},
+                    {400: "unknown parameter"},
                 )
             },
             "/api/v1/devices/{device}": {"get": _get("getDevice", "One device", Device, [_DEVICE], of_one)},
             "/api/v1/devices/{device}/calibrations": {
                 "get": _get(
                     "listCalibrations",
-                    "Its calibrations, the latest first",
+                    "Calibrations of one device, the latest first",
                     Calibrations,
                     [_DEVICE, _BEFORE, _LIMIT],
                     {
-                        400: "no id of a device, or no such parameter",
-                        404: "no such device, or no such calibration of it",
+                        400: "invalid device id, or unknown parameter",
+                        404: "unknown device, or a calibration that this device does not have",
                     },
                 )
             },
-            "/api/v1/alerts": {"get": _get("listAlerts", "Standing alerts", Standings, [], {400: "no such parameter"})},
+            "/api/v1/alerts": {"get": _get("listAlerts", "Standing alerts", Standings, [], {400: "unknown parameter"})},
             "/api/v1/alerts/{device}/acknowledge": {
                 "post": _post(
-                    "acknowledge", "Say that a person has seen an alert; `words` is its kind, or empty for all."
+                    "acknowledge",
+                    "Acknowledge an alert: a person has seen it. `words` is the kind of alert; empty acknowledges all.",
                 )
             },
             "/api/v1/stream": {
                 "get": {
                     **_get(
                         "readStream",
-                        "The next corrected samples, each once",
+                        "The next corrected samples, each sample once",
                         Answer,
                         [_OF, _AFTER, _HZ, _WAIT],
                         {
-                            400: "no id of a device, or a parameter",
-                            404: "no such device was heard of",
-                            503: "no router, no device yet, or too many programs read; see Retry-After",
+                            400: "invalid device id, or unknown parameter",
+                            404: "device was never heard",
+                            503: "no router, no device yet, or too many programs read the stream; see Retry-After",
                         },
                     ),
                     "description": _STREAM,
@@ -107,39 +108,39 @@ def document() -> dict[str, Any]:
 _BEFORE = {
     "name": "before",
     "in": "query",
-    "description": "those that are older than the calibration of this id: `next` of an answer",
+    "description": "id of a calibration; the answer lists older calibrations only. Use `next` of the previous answer",
     "schema": {"type": "string", "minLength": 1},
 }
 _LIMIT = {
     "name": "limit",
     "in": "query",
-    "description": "how many at most",
+    "description": "most calibrations in one answer",
     "schema": {"type": "integer", "minimum": 1, "maximum": MOST, "default": PAGE},
 }
 
 
 _STREAM = (
-    "Waits for the next samples. The first request begins now; give each text of `after` as a parameter of the next request. "
+    "Waits for the next samples. The first request begins now; pass each text of `after` as a parameter of the next request. "
     "A WebSocket at the same address sends each element of `documents` as a message: text, or with `format=protobuf` the bytes "
-    "of a CorrectedBatch (docs/wire.md). Code 4000 + an HTTP status closes a refused WebSocket, with the reason in words."
+    "of a CorrectedBatch (docs/wire.md). A refused WebSocket is closed with code 4000 + the HTTP status, and a reason in words."
 )
 _OF = {
     "name": "device",
     "in": "query",
-    "description": "a device; may be given again; without it, the whole ward",
+    "description": "device id; repeatable. Without this parameter: the whole ward",
     "schema": {"type": "array", "maxItems": DEVICES, "items": _DEVICE["schema"]},
 }
 _AFTER = {
     "name": "after",
     "in": "query",
-    "description": "where to resume, DEVICE.BOOT.NUMBER of the last sample; may be given again. Devices without it, "
-    "and an empty one, begin with all that is kept",
+    "description": "where to resume: DEVICE.BOOT.NUMBER of the last sample; repeatable. Devices that are not named, "
+    "and an empty text, begin with all kept samples",
     "schema": {"type": "array", "items": {"type": "string", "pattern": f"^({PLACE.pattern})?$"}},
 }
 _HZ = {
     "name": "hz",
     "in": "query",
-    "description": "means a second instead of every sample",
+    "description": "mean rates per second to send, instead of every sample",
     "schema": {"type": "number", "minimum": SLOWEST_HZ, "maximum": FASTEST_HZ},
 }
 _WAIT = {
@@ -161,14 +162,14 @@ def _get(name: str, words: str, kind: type, parameters: list[dict[str, Any]], er
 
 def _post(verb: str, words: str) -> dict[str, Any]:
     errors = {
-        400: "not understood",
-        401: "nobody, or a wrong secret",
-        403: "not of this session, or from a page of another origin",
-        404: "no such device was heard of",
-        408: "the body came too slowly, or not to its end",
-        409: "the estimator does not do it, and says why",
-        413: "too long",
-        415: "not JSON",
+        400: "invalid request",
+        401: "no name and secret, or a wrong secret",
+        403: "wrong session token, or a page of another origin",
+        404: "device was never heard",
+        408: "the body arrived too slowly, or incomplete",
+        409: "the estimator refuses the command, and gives the reason",
+        413: "the body is too long",
+        415: "the body is not JSON",
         429: "too many wrong secrets; see Retry-After",
         503: "no estimator answers",
     }
@@ -179,7 +180,7 @@ def _post(verb: str, words: str) -> dict[str, Any]:
         "parameters": [_DEVICE],
         "requestBody": {"content": {"application/json": {"schema": {"$ref": body}}}},
         "security": [{"secret": []}],
-        "responses": _responses("Done, in the estimator's words", Reply, errors),
+        "responses": _responses("Command carried out; the estimator's message", Reply, errors),
     }
 
 

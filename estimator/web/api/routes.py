@@ -90,8 +90,8 @@ def known_parameters(request: HTTPConnection, *names: str) -> QueryParams:
     """Return the query parameters of a request. Raises Fault if one is not in `names`."""
     unknown = set(request.query_params) - set(names)
     if unknown:
-        there = "there are: " + ", ".join(names) if names else "there is none"
-        words = f"There is no parameter {min(unknown)[:40]!r}; {there}."
+        there = f"use {', '.join(names)}" if names else "this address takes no parameters"
+        words = f"Unknown parameter {min(unknown)[:40]!r}: {there}."
         raise Fault(HTTPStatus.BAD_REQUEST, "unknown_parameter", words)
     return request.query_params
 
@@ -151,7 +151,12 @@ async def _who(desk: Desk, request: Request) -> str:
         return desk.checked(request, request.headers.get("x-csrf-token", "")).name
     name, _, secret = credentials.strip().partition(".")
     if kind.lower() != "bearer" or not name or not secret:
-        raise Fault(HTTPStatus.UNAUTHORIZED, "log_in", "Authorization is taken as `Bearer name.secret`.", CHALLENGE)
+        raise Fault(
+            HTTPStatus.UNAUTHORIZED,
+            "log_in",
+            "The Authorization header is invalid: send `Bearer name.secret`.",
+            CHALLENGE,
+        )
     await desk.let_in(request, name, secret)
     return name
 

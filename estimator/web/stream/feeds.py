@@ -170,7 +170,7 @@ class Feeds:
         own = sum(all(reader.address == address for reader in feed.readers) for feed in self._feeds.values())
         new = sum(name not in self._feeds for name in names)
         if len(readers) >= READERS or near >= OF_ONE_ADDRESS:
-            words = f"{len(readers)} programs read the stream, {near} of them from {address}: try again later."
+            words = f"{len(readers)} programs already read the stream, {near} of them from {address}: try again later."
         elif len(self._feeds) + new > READERS or own + new > OF_ONE_ADDRESS:
             words = "Too many single devices are read: read the whole ward, without `device`, or try again later."
         else:

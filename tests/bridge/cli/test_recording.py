@@ -137,7 +137,10 @@ def test_the_calibration_that_the_boot_had_as_the_recording_began_is_used(tmp_pa
     (path,) = recorded(tmp_path, [calibrated(session, -3.0), *others, *sent(session), calibrated(session, 9.0)])
     found = corrected(path, capsys)
     assert found["calibration"] == "live--3"
-    assert found["said"][0] == "calibration live--3 of this boot, which is in the recording, is used; 1 later one not"
+    assert (
+        found["said"][0]
+        == "calibration live--3 of this boot, which the recording holds, is used; not used: 1 later calibration"
+    )
     assert np.diag(found["matrix"]) == pytest.approx(session.truth.k + 2e-3, abs=1e-9)
     assert "NONE" not in found["seconds_by_quality"]
     assert "PRIOR" not in found["seconds_by_quality"], "the calibration at another rate is of this boot all the same"

@@ -57,10 +57,10 @@ def test_devices_that_came_left_and_changed_are_named(change: Change) -> None:
     assert root is not None
     assert root.bridge is not None
     assert [device.id for device in root.bridge.devices] == ["a", "c"]
-    assert change.said == "Now in force from the ward's file: bridge.devices ~a -b +c."
+    assert change.said == "Now in force from the ward file: bridge.devices ~a -b +c."
     assert change.file.report.accepted
     assert change.to(TEXT + C) is not None
-    assert change.said == "Now in force from the ward's file: bridge.devices -a."
+    assert change.said == "Now in force from the ward file: bridge.devices -a."
 
 
 def test_a_file_that_says_the_same_changes_nothing(change: Change) -> None:
@@ -76,9 +76,9 @@ def test_an_invalid_file_is_refused_whole(change: Change, text: str, caplog: pyt
     assert change.to(text) is None
     assert change.file.root is before
     assert not change.file.report.accepted
-    assert change.said.startswith("The changed ward's file is refused. The earlier one stays in force. The fault: ")
+    assert change.said.startswith("The changed ward file is refused. The earlier settings stay in force. The fault: ")
     assert change.after_a_while() is None
-    assert [record.levelno for record in caplog.records] == [logging.ERROR], "said once"
+    assert [record.levelno for record in caplog.records] == [logging.ERROR], "logged once"
     assert change.to(TEXT + A) is not None
 
 
@@ -121,7 +121,7 @@ def test_no_hash_of_a_password_is_shown(tmp_path: Path) -> None:
     path.write_text(text.replace("$one", "$two"), "utf-8")
     assert file.look(1e9) is None
     assert file.look(2e9) is not None
-    assert english(*file.report.message) == "Now in force from the ward's file: dashboard.people ~nurse."
+    assert english(*file.report.message) == "Now in force from the ward file: dashboard.people ~nurse."
 
 
 def test_a_program_does_not_start_with_an_invalid_file(tmp_path: Path) -> None:

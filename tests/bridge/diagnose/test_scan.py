@@ -53,7 +53,7 @@ def test_the_right_speed_is_found(tmp_path: Path) -> None:
         assert what(scan(port.link)) == ("line", 57_600)
         wrong = scan(port.link, speeds=[9600])
         assert wrong.guess is None
-        assert "a speed other than 9600 (try --baud), or a protocol that needs its own driver" in wrong.words
+        assert "perhaps a speed other than 9600 (try --baud), or a protocol without a driver" in wrong.words
 
 
 def test_nothing_and_nonsense_have_their_own_words(tmp_path: Path) -> None:
@@ -91,7 +91,7 @@ def test_a_capture_is_examined_to_its_end(tmp_path: Path) -> None:
     [
         ("witmotion", motion(0x53, (1, 2, 3)), "sends no gyro readings"),
         ("mtdata2", message(0x36, reals(0x8030, (1, 0, 0, 0))), "sends no gyro readings"),
-        ("mtdata2", message(0x36, item(0xA010, bytes(20))), "sends its gyro as raw counts"),
+        ("mtdata2", message(0x36, item(0xA010, bytes(20))), "sends raw gyro counts"),
         ("mtdata2", message(0x32, bytes(30)), "sends legacy MTData"),
     ],
 )
@@ -100,7 +100,7 @@ def test_known_frames_without_a_rate_are_named(tmp_path: Path, driver: str, fram
     tried = candidates(registry.kinds().values())
     verdict = examine(Found(f"file://{tmp_path}/capture?bytes_per_s=1e6"), tried, bauds(tried), 5.0, lambda _: None)
     assert verdict.guess is None
-    assert f"data of {driver}, without a rate" in verdict.words
+    assert f"data of {driver}, but no angular rates" in verdict.words
     assert said in verdict.words
 
 
@@ -117,7 +117,7 @@ def test_what_is_printed_can_be_pasted(
     with talking(tmp_path / "odd [name]", lines()) as port:
         capture = f"file://{tmp_path}/capture?bytes_per_s=1e6"
         assert run("--seconds", "0.4", "--port", str(port.link), "--port", capture, "--port", f"{tmp_path}/gone") == 0
-        shown, pasted = capsys.readouterr().out.split("For the ward's file:\n")
+        shown, pasted = capsys.readouterr().out.split("For the ward file:\n")
         assert f"{tmp_path}/gone is missing. Plug" in shown
         config = tmp_path / "ward.toml"
         config.write_text(f'ward = "w"\n[bridge]\nid = "b"\n{pasted}')

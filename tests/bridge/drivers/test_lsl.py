@@ -227,7 +227,7 @@ def test_what_is_missing_may_be_given(
 def test_several_streams_ask_for_a_choice() -> None:
     senders = [Sender(source, GYRO, ["rad/s"] * 3, kind=f"Twin{OWN}") for source in ("one", "two")]
     driver = LslDriver(LslOptions(type=f"Twin{OWN}"))
-    with pytest.raises(DeviceUnavailable, match=rf"several streams fit: sensor \(one{OWN}\), sensor \(two{OWN}\)"):
+    with pytest.raises(DeviceUnavailable, match=rf"several streams match: sensor \(one{OWN}\), sensor \(two{OWN}\)"):
         all(find_again(driver) for _ in range(60))  # one look may hear only one of them
     assert senders
 
@@ -236,7 +236,7 @@ def test_several_streams_ask_for_a_choice() -> None:
     ("given", "told"),
     [
         ({}, "name, type and source_id are empty"),
-        ({"name": "it's"}, "choose a stream by another property"),
+        ({"name": "it's"}, "choose the stream by another property"),
         ({"name": "a", "gyro": ("x",)}, "gyro has 1 labels"),
         ({"name": "a", "gyro_unit": "volt"}, "gyro_unit is 'volt': use one of rad/s"),
     ],

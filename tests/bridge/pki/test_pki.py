@@ -132,12 +132,12 @@ def test_what_cannot_be_is_said(
 def test_what_lacks_of_an_authority_is_named_and_not_made_anew(pki: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (pki / "ca.key").rename(pki / "kept.key")
     assert run(pki, "issue", "bridge:b2") == 2
-    assert "ca.pem or ca.key is missing: copy it here" in capsys.readouterr().err
+    assert "ca.pem or ca.key is missing: copy the missing file here" in capsys.readouterr().err
     (pki / "kept.key").rename(pki / "ca.key")
     (pki / "ca.pem").unlink()
     for verb in (["issue", "bridge:b2"], ["show"]):
         assert run(pki, *verb) == 2
-        assert "ca.pem or ca.key is missing: copy it here" in capsys.readouterr().err
+        assert "ca.pem or ca.key is missing: copy the missing file here" in capsys.readouterr().err
     assert run(pki, "init") == 2
 
 

@@ -152,7 +152,7 @@ def own_for_authority(files: Files) -> None:
         (expired, "expired on"),
         (a_key_for_all, "chmod 600"),
         (unknown, "ROUTER has no rules for bridge:b1 in ward 'w'"),
-        (another_ward, "has no rules for bridge:b1 in ward 'w2' (it has for bridge:b1 in ward w)"),
+        (another_ward, "has no rules for bridge:b1 in ward 'w2' (only rules for bridge:b1 in ward w)"),
         (own_for_authority, "the certificate of 'bridge:b1' is not an authority's"),
         (not_let_in, "refuses bridge:b1, viewer:hall, which the rules name"),
         (one_of_its_two_files, "accepts bridge:b1, which the rules lack"),
@@ -227,7 +227,7 @@ def test_a_port_that_is_there_twice_is_said(tmp_path: Path, capsys: pytest.Captu
     assert "'tcp/127.0.0.1:1' is listed twice" in capsys.readouterr().err
     ward.write_text('ward = "w"\n[estimator]\nid = "e"\nhealth = "127.0.0.1:8090"\n', "utf-8")
     assert main(["config", "check", str(ward)]) == 2
-    assert "as is the dashboard's listen" in capsys.readouterr().err
+    assert "and the dashboard's listen is '127.0.0.1:8090'" in capsys.readouterr().err
 
 
 def test_a_router_that_others_reach_without_a_certificate_is_said(

@@ -116,7 +116,7 @@ def test_what_is_wrong_is_said(two: tuple[Path, Path], tmp_path: Path, capsys: p
         ([hinge, torn, out, "--segment", "wrist-left=knee"], "two devices are on 'knee'"),
         ([hinge, out, "--segment", "knee"], "give DEVICE=BODY"),
         ([hinge, out, "--skip", "6"], "no time in common after --skip 6"),
-        ([hinge, torn, str(tmp_path / "walk.npz")], "are for .sto: give one recording"),
+        ([hinge, torn, str(tmp_path / "walk.npz")], "give one recording"),
     ):
         assert main(["recording", "convert", *words]) != 0
         assert told in capsys.readouterr().err.replace("\n", " ")

@@ -289,7 +289,7 @@ def test_the_oldest_finished_recordings_are_deleted_and_said(
     assert there & set(OLD) == set(left)
     said = [record.getMessage() for record in caplog.records if "is deleted" in record.getMessage()]
     assert len(said) == recorder.account.expired == len(OLD) - len(left)
-    assert all(f"as {why} says" in words for words in said)
+    assert all(f"because of {why}" in words for words in said)
     recorder.close()
 
 

@@ -103,7 +103,7 @@ def test_a_device_that_hangs_up_is_lost_after_its_last_word_and_found_again(thre
     ble_loop.run(three[0].hang_up()).result(60)
     settle()
     assert read_until(one, 4) == b"last"
-    with pytest.raises(DeviceLost, match="powered off, is out of reach, or hung up"):
+    with pytest.raises(DeviceLost, match="powered off, is out of range, or disconnected"):
         read_until(one, 1)
     one.close()
     one.open()

@@ -96,7 +96,7 @@ def test_a_tcp_device_that_cannot_be_reached_is_unavailable_in_words(monkeypatch
         TcpPort(f"127.0.0.1:{nobody}", 0).open()
     assert address.state(f"tcp://127.0.0.1:{nobody}").startswith(f"tcp://127.0.0.1:{nobody} refused")
     for error, said in [
-        (socket.gaierror(-2, "Name or service not known"), "The name in tcp://wrist:8000 is unknown"),
+        (socket.gaierror(-2, "Name or service not known"), "The host name in tcp://wrist:8000 is unknown"),
         (TimeoutError("timed out"), "does not answer. Is the device on"),
         (OSError(113, "No route to host"), "is unreachable. Is the device on"),
     ]:

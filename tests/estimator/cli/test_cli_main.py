@@ -48,8 +48,8 @@ def test_a_store_in_a_folder_that_is_not_there_is_named(tmp_path: Path, capsys: 
     path = tmp_path / "ward.toml"
     for folder, named in ((tmp_path, False), (tmp_path / "none", True)):
         path.write_text(f'ward = "w"\n[estimator]\nid = "e"\nstore = "{folder}/a.sqlite3"\n', "utf-8")
-        assert main(["config", "check", str(path)]) == 0, "the estimator makes the folder"
-        assert (f"there is no folder {folder}" in capsys.readouterr().out) == named
+        assert main(["config", "check", str(path)]) == 0, "the estimator creates"
+        assert (f"the folder {folder} does not exist" in capsys.readouterr().out) == named
 
 
 @pytest.mark.parametrize(

@@ -54,12 +54,12 @@ def test_where_gravity_taught_nothing_that_is_said(
     session: Session, recorded: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["correct", str(recorded), str(tmp_path / "a.npz"), "--learn-matrix"]) == 0
-    assert "gravity taught no scale or misalignment that is surer" in capsys.readouterr().out
+    assert "gravity gave no scale or misalignment more certain" in capsys.readouterr().out
     np.savez(blind := tmp_path / "blind.npz", gyro_rad_s=session.gyro, t_s=session.time_s)
     assert main(["correct", str(blind), str(tmp_path / "b.npz"), "--learn-matrix"]) == 0
-    assert "the recording has no accelerations" in capsys.readouterr().out
+    assert "the recording has no accelerometer" in capsys.readouterr().out
     assert main(["correct", str(blind), str(tmp_path / "c.npz")]) == 0
-    assert "gravity taught" not in capsys.readouterr().out
+    assert "gravity gave" not in capsys.readouterr().out
 
 
 def test_it_is_on_the_disk_before_it_has_its_name(

@@ -93,7 +93,7 @@ def test_history_of_nothing_says_what_there_is(
     store: Store, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["history", "wrist", "--store", store.path]) == 1
-    assert f"it knows {NAME}" in capsys.readouterr().err
+    assert f"the store has {NAME}" in capsys.readouterr().err
     assert main(["history", NAME, "--store", str(tmp_path / "none")]) == 1
     assert "no such file; name the ward file with --config" in capsys.readouterr().err
     assert main(["store", "check", str(tmp_path / "none")]) == 1
@@ -292,7 +292,7 @@ def test_what_is_empty_or_no_store_is_said_with_what_to_do(
     file = tmp_path / "a.bin"
     noise = np.random.default_rng(1).bytes(20_000)
     for content, words in (
-        *([(b"", ("is an empty file", "backup"))] if verb != ["store", "check"] else []),
+        *([(b"", ("the file is empty", "backup"))] if verb != ["store", "check"] else []),
         *((noise[:n], ("is not a truerate store", "--config")) for n in (1, 100, 1000, 4096, 20_000)),
     ):
         file.write_bytes(content)

@@ -48,7 +48,7 @@ def test_another_file_is_refused_and_left_as_it_is(tmp_path: Path) -> None:
     for place, words in (
         (path, "is not a truerate store"),
         (other, "another program"),
-        (newer, "use the truerate that wrote it"),
+        (newer, "use the version of truerate that wrote the store"),
     ):
         before = place.read_bytes()
         for opens in (Store, StoreReader.reading, inspect):

@@ -55,7 +55,7 @@ def test_sentences_for_a_first_day_are_short(language: str, most: int) -> None:
 
 def test_values_are_filled_in() -> None:
     short = (Code.TURN_TOO_SHORT(angle_deg="181"),)
-    assert texts("en").text(short).startswith("That was about 181°, ")
+    assert texts("en").text(short).startswith("The device turned by about 181°, ")
     assert "181°" in texts("zh").text(short)
     # A name with braces in it is a name.
     assert texts("en").text((Code.CALIBRATION_CANCELLED(who="{n}"),)) == "{n} cancelled the calibration."

@@ -157,7 +157,7 @@ def test_turns_that_calibrate_are_not_lost_to_warming_up(prompt: Recording) -> N
     found = correct(prompt)
     agree(found, prompt)
     assert found.quality[-1] == Quality.GOOD
-    assert found.said[0].startswith("taken to have been on before it was recorded")
+    assert found.said[0].startswith("the device is assumed to have been on before the recording began")
     been_on = correct(prompt, knobs=replace(knobs_of(load_model(GENERIC)), warming_s=0.0))
     assert same(replace(found, said=found.said[1:]), been_on), "to the bit as of one that has not to warm up"
 
@@ -193,7 +193,7 @@ def test_of_another_range_it_is_no_more_than_another_boots(day: Stream, worn: St
     known = of_result(calibrate(recorded(day))[0], recorded(day), gyro_range=float(np.radians(2000)))
     found = correct(of, known, gyro_range=narrow)
     assert found.quality[0] == Quality.PRIOR
-    assert "a range of 2000 °/s, chest has 500 °/s" in found.said[0]
+    assert "a range of 2000 °/s, but chest has 500 °/s" in found.said[0]
     assert correct(of, known).quality[0] != Quality.PRIOR, "a range that is not known is no other"
     assert correct(replace(of, gyro_range=narrow), known).quality[0] == Quality.PRIOR
 
@@ -209,7 +209,7 @@ def test_of_a_boot_that_is_known_to_be_another_it_is_no_more_than_that_and_of_an
     assert correct(replace(of, boot=0), known).quality[0] > Quality.PRIOR, "a boot that is not known is no other"
     found = correct(replace(of, boot=2), known)
     assert found.quality[0] == Quality.PRIOR
-    assert "of boot 0000000000000001, chest of boot 0000000000000002" in found.said[0]
+    assert "of boot 0000000000000001, but chest is of boot 0000000000000002" in found.said[0]
     assert same(replace(found, said=found.said[1:]), correct(of, known, other_boot=True))
     with pytest.raises(RecordingError, match="is of chest, the recording chest of wrist"):
         correct(replace(of, device="wrist"), known, other_boot=True)

@@ -79,7 +79,7 @@ def test_the_most_urgent_comes_first() -> None:
 def test_a_broken_law_is_trouble() -> None:
     good = statuses(a=State.TRACKING)["a"]
     for wrong, words in (
-        (replace(good, samples_out=80), "10 are not accounted for"),
+        (replace(good, samples_out=80), "10 samples are not accounted for"),
         (replace(good, events={EVENT: 2}), "times: 2"),
     ):
         seen = summarise("w", {"a": wrong}, {}, ["b"], ["e"])
@@ -96,7 +96,7 @@ def test_a_device_that_two_bridges_send_is_trouble_until_one_stops() -> None:
     seen = summarise("w", found, infos("a", "c"), ["b1", "b2"], ["e"])
     assert seen.troubles == (Code.TWO_BRIDGES(devices="a, c", owner="b1", refused="b2"),)
     assert not seen.well
-    assert seen.unused["a"] == {"sent by b2 as well": 50, "repeated": 10}
+    assert seen.unused["a"] == {"also sent by b2": 50, "repeated": 10}
     over = {name: replace(s, refused_bridges=()) for name, s in found.items()}
     assert summarise("w", over, infos("a", "c"), ["b1", "b2"], ["e"]).well
 

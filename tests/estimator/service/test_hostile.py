@@ -71,7 +71,7 @@ def test_wide_keys_and_other_ids_and_forgeries_are_counted_and_change_nothing(
     }
     events = served.service._devices[one.device].session.sequence
     assert events.events.as_dict()["also from intruder"] == len(one)
-    assert (events.events.as_dict()["refused leap"], events.dropped.as_dict()["range"]) == (1, len(one))
+    assert (events.events.as_dict()["sample number jump refused"], events.dropped.as_dict()["range"]) == (1, len(one))
 
 
 def test_a_recording_shuffled_and_played_twice_to_devices_that_are_silent_changes_nothing(

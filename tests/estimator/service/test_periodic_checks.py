@@ -29,7 +29,7 @@ def test_a_service_in_which_samples_vanish_says_so(
     ward.latest()
     status = ward.latest()
     assert status.events[EVENT] == 1
-    assert caplog.text.count(" samples came and are neither out nor dropped") == 1
+    assert caplog.text.count(" samples were received, but neither published nor dropped") == 1
     ward.send(batches[110:120])
     assert ward.latest().events[EVENT] == 1, "it is told when it is new"
     with monkeypatch.context() as patch:

@@ -50,7 +50,7 @@ def test_it_calibrates_stores_and_publishes(ward: Ward, once: Stream) -> None:
     status = ward.latest()
     assert (status.state, status.quality) == (State.TRACKING, Quality.GOOD)
     assert status.samples_in == status.samples_out == len(once)
-    assert len(ward.client.calibrations(wait_s=0.05)) == 1, "said once"
+    assert len(ward.client.calibrations(wait_s=0.05)) == 1, "logged once"
 
 
 def test_a_reboot_asks_for_a_recalibration(ward: Ward, once: Stream, other_boot: Stream) -> None:

@@ -80,7 +80,7 @@ def test_phantoms_are_forgotten_for_a_real_device(
             codec.encode_info(replace(info(1), device=name))
         )
     assert ward.service.counts.as_dict()[device_roster.TOO_MANY] == 20
-    assert caplog.text.count("is the limit") == 1
+    assert caplog.text.count("devices are allowed") == 1
     clock[0] += SILENCE_S + 9.0
     put(ward, replace(batch, device="real"))
     assert set(ward.service._devices) == {NAME, "real"}, "the calibrated one is lost too, but not forgotten"

@@ -187,7 +187,7 @@ ASKED = {
     "two sensors": (
         ["t_s,raw_gyro_x_dps,raw_gyro_y_dps,raw_gyro_z_dps,cal_gyro_x_dps,cal_gyro_y_dps,cal_gyro_z_dps"],
         table([TIME, GYRO, GYRO]),
-        "choose one, such as --columns cal_gyro_x_dps,cal_gyro_y_dps,cal_gyro_z_dps",
+        "choose one sensor, such as --columns cal_gyro_x_dps,cal_gyro_y_dps,cal_gyro_z_dps",
         Reading(columns=("cal_gyro_x_dps", "cal_gyro_y_dps", "cal_gyro_z_dps")),
     ),
     "one name twice": (

@@ -82,5 +82,5 @@ def test_two_of_one_id_are_told_of_each_other(both: Both, caplog: pytest.LogCapt
         assert service.counts.as_dict()[DOUBLE] > 1
     errors = [record.getMessage() for record in caplog.records if record.levelname == "ERROR"]
     assert len(errors) == 2
-    assert all(f"another estimator has the id {FIRST}" in words for words in errors)
+    assert all(f"another estimator also has the id {FIRST}" in words for words in errors)
     assert DOUBLE not in both.services[SECOND].counts.as_dict()
