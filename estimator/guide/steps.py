@@ -77,4 +77,6 @@ class Instruction:
     @property
     def how(self) -> str:
         """Key of the text that says how to do this step."""
-        return "laid" if self.laid else self.step.value
+        if self.laid:
+            return "laid"
+        return "degraded" if self.head.key == "degraded" else self.step.value

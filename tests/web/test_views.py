@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from bridge.reasons.catalogue import english
-from bridge.reasons.codes import Code
-from bridge.wire.messages import NO_REST_S, BiasRevision, CorrectedBatch, Quality, SampleBatch, State
+from bridge.reasons.codes import Code, Sentence
+from bridge.wire.messages import NO_REST_S, BiasRevision, CorrectedBatch, Quality, SampleBatch, State, Status
 from estimator.language.texts import texts
 from estimator.web.device_page import device_page
 from estimator.web.device_trail import POINTS, Trail
 from estimator.web.heading_drift import Heading
-from estimator.web.reports import past
+from estimator.web.reports import past, summary
 from estimator.web.tiles import ward_page
 from estimator.web.traces import ALONE_S, Traces
 from estimator.web.ward_state import FORGET_S, LOOKED_S, STRANGERS, Known
@@ -49,6 +49,57 @@ def test_of_several_bridges_that_tell_of_a_device_the_one_counts_whose_samples_a
     ward.take_status(said("a", boot=9, bridge="b2"), 101.0)
     ward.take_info(about("a", bridge="b2", boot=9))
     assert (story.info.bridge, list(story.boots)) == ("b2", [1, 9])
+
+
+@pytest.mark.parametrize(
+    ("state", "reason", "explained", "calibrate"),
+    [
+        (State.AWAITING_STILL, (Code.HOLD_STILL(),), "", "Calibrate"),
+        (State.BIAS_ONLY, (Code.TURN_NOW(axes="x, y, z"),), "", "Calibrate"),
+        (State.AWAITING_STILL, (Code.RECALIBRATION_ASKED(who="nurse"), Code.HOLD_STILL()),
+         "nurse asked for a new calibration.", "Calibrate"),
+        (State.TURNING, (Code.TURN_TAKEN(axis="x"),), "The turn about x was accepted.", "Calibrate"),
+        (State.WARMING, (Code.RESTARTED(),), "", ""),
+        (State.DEGRADED, (Code.NO_REST_FOR(minutes="12"),), "The device has not rested for 12 minutes.", ""),
+    ],
+)  # fmt: skip
+def test_a_tile_gives_one_order(state: State, reason: tuple[Sentence, ...], explained: str, calibrate: str) -> None:
+    (tile,) = ward_page(known(said("a", state, reason=reason)), 100.0, NOW, EN).tiles
+    assert (tile.reason, tile.calibrate) == (explained, calibrate)
+
+
+def test_a_tile_names_the_axes_that_are_done_and_has_no_riddle_for_none() -> None:
+    def turns(*done: int) -> str:
+        (tile,) = ward_page(known(said("a", State.TURNING, axes_done=done)), 100.0, NOW, EN).tiles
+        return tile.turns
+
+    assert (turns(), turns(0, 2)) == ("", "(x, z done)")
+
+
+@pytest.mark.parametrize(
+    ("status", "calibrate", "recalibrate", "cancel"),
+    [
+        (said("a", State.AWAITING_STILL), True, False, False),
+        (said("a", State.AWAITING_STILL, calibrated_time_ns=1), True, False, True),
+        (said("a", State.TURNING, axes_done=(1,)), True, False, True),
+        (said("a", State.WARMING), True, False, False),
+        (said("a"), True, True, False),
+        (said("a", State.DEGRADED), True, True, False),
+        (said("a", State.LOST), False, False, False),
+    ],
+)
+def test_a_device_page_offers_only_what_can_be_done(
+    status: Status, calibrate: bool, recalibrate: bool, cancel: bool
+) -> None:
+    page = device_page(known(status), "a", 100.0, NOW, EN)
+    assert (page.can_calibrate, page.can_recalibrate, page.can_cancel) == (calibrate, recalibrate, cancel)
+
+
+def test_a_report_tells_why_a_device_that_tracks_needs_a_person() -> None:
+    (need,) = summary(known(said("a"), about("a", battery_percent=9.0)), 100.0, EN)["needs"]
+    assert (need["advice"], need["reason"]) == ("Charge its battery.", "The battery is at 9 %: charge it.")
+    (need,) = summary(known(said("a", State.BIAS_ONLY, reason=(Code.TURN_NOW(axes="x"),))), 100.0, EN)["needs"]
+    assert (need["advice"], need["reason"]) == ("Calibrate it with three turns.", "")
 
 
 def test_a_device_nobody_speaks_of_any_more_is_silent() -> None:

@@ -43,5 +43,8 @@ watch(spoken("ward"), (now) => {
   const rest = now.queue.filter((id) => !cards.has(id));
   others.hidden = !rest.length;
   say(others, others.dataset.words.replace("{names}", rest.join(", ")));
-  document.getElementById("nobody").hidden = now.queue.length > 0;
+  const waits = now.queue.length > 0;
+  document.getElementById("nobody").hidden = waits;
+  document.getElementById("how").hidden = !waits && !cards.size;
+  document.querySelector(".to-ward a").classList.toggle("quiet", waits);
 }, { must: true });
