@@ -107,7 +107,7 @@ def guide_view(told: Instruction, known: Known, device: str, now: float) -> Guid
         can_begin=not deaf and status is not None and status.state in _RECALIBRATES,
         can_cancel=not deaf and can_cancel(status),
         calibration=calibration.id if calibration else "",
-        following=_following(known, device, now) if told.step in _OVER else "",
+        following=_following(known, device, now) if told.picture is Picture.WELL else "",
         result=rows(calibration, before) if calibration else (),
         say={name: _said(told, known, calibration, before, texts(name)) for name in LANGUAGES},
     )

@@ -22,7 +22,7 @@ def bias(bias: Sequence[float], std: Sequence[float]) -> str:
     """Format a bias (3,) in rad/s: `+0.12 −0.40 +0.03 ± 0.004 °/s`, with the 95 % interval of the least known axis."""
     wide = SIGMAS * degrees(max(std))
     digits = 3 if wide < 0.1 else 2
-    return f"{' '.join(signed(degrees(b), digits) for b in bias)} ± {wide:.{digits}f} °/s"
+    return f"{' '.join(signed(degrees(b), digits) for b in bias)} ±{SPACE}{wide:.{digits}f}{SPACE}°/s"
 
 
 def interval(value: float, std: float, digits: int) -> str:

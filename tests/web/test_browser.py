@@ -279,6 +279,7 @@ def test_what_changes_is_never_silent(page: Page, site: Site, look: Look, monkey
     page.clock.install()
     page.goto("/")
     expect(page.locator("#none")).to_contain_text("Switch a device on.")
+    expect(page.locator(".choose")).to_be_hidden()
     look("ward-empty")
     names = ward(site, 6)
     expect(page.get_by_role("heading", level=1)).to_have_text("6 of 6 tracking")
@@ -481,6 +482,8 @@ def test_a_page_of_a_device_gives_one_order_and_offers_what_can_be_done(page: Pa
     for depth in ("signals", "engineering"):
         page.locator(f"#{depth} summary").click()
         expect(page.locator(f"#{depth} > .verdict")).to_have_text("Check that it is on, charged and near.")
+    expect(page.locator("#pause")).to_be_hidden()
+    expect(page.locator(".key", has_text="over the last 20 seconds")).to_be_hidden()
     expect(page.locator("#receipts")).to_be_hidden()
     expect(page.get_by_role("heading", name="NIS of each measurement")).to_be_hidden()
     look("device-lost")

@@ -157,6 +157,9 @@ def test_two_tablets_and_two_languages(page: Page, site: Site, browser: Browser,
     page.get_by_role("link", name="中文").click()
     expect(page.locator("#do")).to_have_text("再来一次：向前翻滚一整圈")
     look("guide-failed-zh")
+    page.goto("/calibrate")
+    expect(page.locator(".queued .wrong")).to_contain_text("请转满一圈")
+    expect(page.locator(".queued .wrong")).not_to_contain_text("工程师")  # that is on the page of the device
 
 
 def test_after_done_the_next_device_is_one_touch_away(page: Page, site: Site, played: Played, look: Look) -> None:

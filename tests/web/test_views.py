@@ -9,9 +9,12 @@ import pytest
 from bridge.reasons.catalogue import english
 from bridge.reasons.codes import Code, Sentence
 from bridge.wire.messages import NO_REST_S, BiasRevision, CorrectedBatch, Quality, SampleBatch, State, Status
+from estimator.guide.guide import Guide
 from estimator.language.texts import texts
+from estimator.web import number_format
 from estimator.web.device_page import device_page
 from estimator.web.device_trail import POINTS, Trail
+from estimator.web.guide_view import guide_view
 from estimator.web.heading_drift import Heading
 from estimator.web.reports import past, summary
 from estimator.web.tiles import ward_page
@@ -102,6 +105,23 @@ def test_a_report_tells_why_a_device_that_tracks_needs_a_person() -> None:
     assert (need["advice"], need["reason"]) == ("Calibrate it with three turns.", "")
 
 
+@pytest.mark.parametrize(
+    ("state", "following", "how"),
+    [(State.TRACKING, "b", "It is ready: nothing to do."), (State.DEGRADED, "", "Lay it down still for a moment.")],
+)
+def test_a_guide_leads_on_once_a_device_is_exact(state: State, following: str, how: str) -> None:
+    ward, guide = known(said("a", state), said("b", State.AWAITING_STILL)), Guide()
+    guide.take_status(said("a", state))
+    view = guide_view(guide.told(), ward, "a", 100.0)
+    assert (view.following, view.say["en"].how) == (following, how)
+
+
+def test_a_bias_and_its_unit_stay_on_one_line() -> None:
+    assert number_format.bias((0.01, 0.0, -0.01), (0.001,) * 3).endswith(
+        " −0.57 ±\N{NO-BREAK SPACE}0.11\N{NO-BREAK SPACE}°/s"
+    )
+
+
 def test_a_device_nobody_speaks_of_any_more_is_silent() -> None:
     (tile,) = ward_page(known(said("a")), 110.0, NOW, EN).tiles
     assert (tile.state, tile.tone) == ("silent", "bad")
@@ -109,7 +129,7 @@ def test_a_device_nobody_speaks_of_any_more_is_silent() -> None:
     assert ward_page(known(said("a")), 100.0, NOW, EN).tiles[0].stale == ""
     for ahead_s in (-3600, 3600):  # by the estimator's clock; when it was heard is a matter of our own
         ward = known(said("a", time_ns=NOW + ahead_s * S), said("a", time_ns=NOW + ahead_s * S + 1))
-        assert ward_page(ward, 110.0, NOW, EN).tiles[0].stale == "as of 10 s ago"
+        assert ward_page(ward, 110.0, NOW, EN).tiles[0].stale == "numbers as of 10 s ago"
 
 
 def test_without_a_router_a_device_is_unknown_and_never_gone() -> None:

@@ -109,7 +109,7 @@ let due = false;
 function frame() {
   if (due && pause.getAttribute("aria-pressed") !== "true") {
     due = false;
-    if ($("rates").hidden) { $("rates").hidden = false; $("waiting").hidden = true; }
+    if ($("rates").hidden) { $("rates").hidden = pause.hidden = false; $("waiting").hidden = true; }
     const ago = columns.time.map((time) => time - newest);
     rates.forEach((one, axis) => one.set([ago, columns.raw[axis], columns.corrected[axis]]));
   }
@@ -195,7 +195,7 @@ function past(data) {
 // ---- receipts of the bias filter ----
 
 const nis = chart($("nis"), {
-  label: $("nis").dataset.label, title: "NIS / m", height: 160, range: (u, low, high) => [0, Math.max(3, high * 1.1)],
+  label: $("nis").dataset.label, title: "NIS", height: 160, range: (u, low, high) => [0, Math.max(3, high * 1.1)],
   series: [{ label: "1", colour: "dim", dash: [6, 4] }, { label: "✓", colour: "well", dots: true }, { label: "✗", colour: "bad", dots: true }],
 });
 

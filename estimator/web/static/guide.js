@@ -60,7 +60,7 @@ function ring(now, said) {
 function following(now) {
   const link = $("next").firstElementChild, over = now.step === "done" || now.step === "idle";
   $("next").hidden = !over || !now.following;
-  $("back").hidden = now.step !== "done" || Boolean(now.following);
+  $("back").hidden = now.step !== "done" || now.tone !== "well" || Boolean(now.following);
   link.href = `/devices/${encodeURIComponent(now.following)}/calibrate`;
   say(link, link.dataset.words.replace("{device}", now.following));
 }

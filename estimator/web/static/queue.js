@@ -14,7 +14,7 @@ function follow(id, card) {
     card.dataset.tone = now.tone;
     card.dataset.step = now.step;
     say(card.querySelector(".do"), said.head);
-    say(wrong, said.wrong.join(" "));
+    say(wrong, said.wrong[0] ?? ""); // the others are on the guide of the device
     wrong.hidden = !said.wrong.length;
     card.querySelector("progress").value = OVER.has(now.step) ? 100 : now.percent;
   });
