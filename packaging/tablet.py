@@ -34,7 +34,7 @@ def main(url: str, address: str, authority: str, device: str, nurse: str, chief:
         first.get_by_role("link", name=device, exact=True).click()
         first.get_by_role("link", name="Calibrate, step by step").click()
         second.goto(first.url)
-        first.get_by_role("button", name="Begin").click()
+        first.get_by_role("button", name="Calibrate it again").click()
         expect(second.locator("#do")).not_to_have_text("Done: it is calibrated")
         print("turn the device", flush=True)
         for page in (first, second):

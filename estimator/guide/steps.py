@@ -80,4 +80,6 @@ class Instruction:
     @property
     def how(self) -> str:
         """Key of the text that explains how to do this step."""
-        return "laid" if self.laid else self.step.value
+        if self.laid:
+            return "laid"
+        return "degraded" if self.head.key == "degraded" else self.step.value

@@ -7,16 +7,18 @@ from math import degrees
 from bridge.wire.messages import AccelerometerCalibration, Calibration, DeviceInfo, Placement, State, Status
 from estimator.geometry.gyro_model import AXES
 from estimator.guide.comparison import bias_moves
-from estimator.guide.guide import CALIBRATING
 from estimator.language.texts import Texts
 from estimator.noise.device_model import model_stated
+from estimator.overview.ward import ENDED, SILENT, UNKNOWN
 from estimator.web import number_format as words
 from estimator.web.device_trail import Mark
-from estimator.web.guide_view import rows
+from estimator.web.guide_view import can_cancel, rows
 from estimator.web.tiles import Tile, tile, troubles
 from estimator.web.ward_state import Known, Story
 
-_RECALIBRATES = (*CALIBRATING, State.TRACKING, State.DEGRADED)
+_RECALIBRATES = (State.TRACKING, State.DEGRADED)
+#: states in which a turn of the device would not be seen
+_UNSEEN = ("lost", SILENT, UNKNOWN, ENDED)
 
 
 #: a boot, a note or an event as one line of a list: when, who or what, and the text
@@ -27,7 +29,8 @@ Line = tuple[str, str, str]
 class DevicePage:
     """Content of a device's page in one language, without its live charts.
 
-    progress: of the calibration, 0 to 1. blocked: why no command can be given, or empty.
+    progress: of the calibration, 0 to 1. can_calibrate: True if turns of the device would be noticed. blocked: why no
+    command can be given, or empty.
     facts: (name, value) of hardware and counts. calibrations: whether the calibration is in use, and its cells.
     calibrations, boots, notes, events: newest first.
     """
@@ -37,6 +40,7 @@ class DevicePage:
     tile: Tile
     placement: Placement
     progress: float
+    can_calibrate: bool
     can_recalibrate: bool
     can_cancel: bool
     blocked: str
@@ -64,8 +68,9 @@ def device_page(known: Known, device: str, now: float, now_ns: int, t: Texts, to
         tile=shown,
         placement=row.placement or Placement(),
         progress=status.progress if status else 0.0,
+        can_calibrate=row.state not in _UNSEEN,
         can_recalibrate=not deaf and status is not None and status.state in _RECALIBRATES,
-        can_cancel=not deaf and status is not None and status.state in CALIBRATING,
+        can_cancel=not deaf and can_cancel(status),
         blocked=t("device.blocked") if deaf else "",
         facts=_facts(story, told, t),
         calibrations=[(c.id == in_use, _calibration(c, story, t)) for c in reversed(story.calibrations.values())],

@@ -9,11 +9,13 @@ import numpy as np
 from bridge.wire.messages import Floats, Receipt
 from estimator.geometry.gyro_model import SIGMAS
 from estimator.language.texts import Texts
+from estimator.overview.ward import TRACKING
 from estimator.web import number_format, topics
 from estimator.web.device_page import device_page
 from estimator.web.heading_drift import Heading, Lost
 from estimator.web.hub import Frame
 from estimator.web.site import Desk
+from estimator.web.tiles import advice, toned
 from estimator.web.traces import Traces
 from estimator.web.ward_topics import RATES_S
 
@@ -186,6 +188,7 @@ class ReceiptTopic(topics.Topic):
     def whole(self, now: float, now_ns: int) -> Iterable[Frame]:  # noqa: ARG002 - of a topic
         """Yield one text frame with all kept receipts; nothing for an unknown device.
 
+        For a device that does not track, the verdict is the instruction what to do with the device.
         now: monotonic time, s. now_ns: ns since the Unix epoch.
         """
         if (story := self._story) is None:
@@ -200,8 +203,12 @@ class ReceiptTopic(topics.Topic):
         lines = [_line(one, self._t) for one in reversed(latest)]
         points = [(one.time_ns / 1e9, min(one.nis / len(one.innovation), _MOST), one.accepted) for one in self._kept]
         mean = self._t("device.nis_mean", nis=f"{nis:.2f}") if nis else ""
+        row = self._known.row(self._device, now)
         verdict, tone = _verdict(latest)
-        about = {"verdict": self._t(f"device.filter_{verdict}"), "tone": tone, "mean": mean, "lines": lines}
+        said = self._t(f"device.filter_{verdict}")
+        if row.state != TRACKING:
+            said, tone = advice(row, story, self._t), toned(row)
+        about = {"verdict": said, "tone": tone, "mean": mean, "lines": lines}
         yield topics.text(self._topic, {**about, "points": points})
 
 

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import ceil, degrees, isfinite
 
-from bridge.wire.messages import Calibration, State
+from bridge.wire.messages import Calibration, State, Status
 from estimator.geometry.gyro_model import AXES
 from estimator.guide.comparison import compared, differing, last_before
 from estimator.guide.guide import CALIBRATING, SIDES
@@ -106,12 +106,20 @@ def guide_view(told: Instruction, known: Known, device: str, now: float) -> Guid
         percent=round(100 * told.ring),
         centre=_centre(told),
         can_begin=not deaf and status is not None and status.state in _RECALIBRATES,
-        can_cancel=not deaf and status is not None and status.state in CALIBRATING,
+        can_cancel=not deaf and can_cancel(status),
         calibration=calibration.id if calibration else "",
-        following=_following(known, device, now) if told.step in _OVER else "",
+        following=_following(known, device, now) if told.picture is Picture.WELL else "",
         result=rows(calibration, before) if calibration else (),
         say={name: _said(told, known, calibration, before, texts(name)) for name in LANGUAGES},
     )
+
+
+def can_cancel(status: Status | None) -> bool:
+    """Return whether a calibration runs that can be cancelled: turns are done, or an earlier calibration stays in use.
+
+    status: of the device, None if unknown.
+    """
+    return status is not None and status.state in CALIBRATING and bool(status.axes_done or status.calibrated_time_ns)
 
 
 def _following(known: Known, device: str, now: float) -> str:

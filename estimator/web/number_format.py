@@ -25,7 +25,7 @@ def bias(bias: Sequence[float], std: Sequence[float]) -> str:
     """
     wide = SIGMAS * degrees(max(std))
     digits = 3 if wide < 0.1 else 2
-    return f"{' '.join(signed(degrees(b), digits) for b in bias)} ± {wide:.{digits}f} °/s"
+    return f"{' '.join(signed(degrees(b), digits) for b in bias)} ±{SPACE}{wide:.{digits}f}{SPACE}°/s"
 
 
 def interval(value: float, std: float, digits: int) -> str:

@@ -10,12 +10,12 @@ from bridge.wire.messages import Calibration, Status, Verdict
 from estimator.geometry.gyro_model import AXES
 from estimator.guide.comparison import last_before
 from estimator.language.texts import Texts
-from estimator.overview.ward import DeviceRow
+from estimator.overview.ward import TRACKING, DeviceRow
 from estimator.service.history import Biases, History
 from estimator.web import number_format
 from estimator.web.device_page import accelerometer
 from estimator.web.guide_view import against, rows
-from estimator.web.tiles import advice, toned, troubles, word, worn
+from estimator.web.tiles import advice, explained, toned, troubles, word, worn
 from estimator.web.ward_state import Known, Story
 
 #: a bias this many times less certain than the best point is left out of a chart
@@ -119,7 +119,7 @@ def _line(row: DeviceRow, story: Story, t: Texts) -> dict[str, Any]:
         "placement": worn(row.placement, t),
         "state": word(row.state, t),
         "tone": toned(row),
-        "reason": t.text(row.reason),
+        "reason": t.text(row.notices if row.state == TRACKING else explained(row.reason)),
         "advice": advice(row, story, t),
         "calibrated": number_format.clock(status.calibrated_time_ns) if status and status.calibrated_time_ns else "",
         "who": made.who if made else "",

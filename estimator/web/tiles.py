@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
 
+from bridge.reasons.codes import Code, Sentences
 from bridge.wire.messages import Alert, Placement
 from estimator.alerts.outbox import sentence
 from estimator.geometry.gyro_model import AXES
@@ -26,8 +27,10 @@ TONES = {
     TRACKING: "well",
     ENDED: "busy",
 }
-#: states in which a person with the device in hand can help
-_BY_HAND = ("awaiting still", "bias only", "degraded", "turning", "warming")
+#: states in which the next thing to do is to turn the device
+_BY_HAND = ("awaiting still", "bias only", "turning")
+#: reasons that only give the same order as the advice, in other words
+_ORDERS = frozenset({Code.HOLD_STILL, Code.TURN_NOW, Code.RESTARTED})
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,7 +167,7 @@ def tile(row: DeviceRow, story: Story, now: float, now_ns: int, t: Texts) -> Til
         tone=toned(row),
         needs=row.needs_person,
         advice=advice(row, story, t),
-        reason=t.text(row.reason),
+        reason=t.text(explained(row.reason)),
         notices=t.text(row.notices),
         placement=worn(row.placement, t),
         quality=t(f"quality.{row.quality.replace(' ', '_')}") if row.quality else "",
@@ -179,8 +182,8 @@ def tile(row: DeviceRow, story: Story, now: float, now_ns: int, t: Texts) -> Til
         gaps=number_format.gaps(row.gaps, row.missing_samples, t) if status else "",
         battery=number_format.battery(row.battery_percent, t, charging=row.charging),
         temperature=number_format.temperature(status.temperature_c) if status else "",
-        turns="".join(AXES[axis] if axis in status.axes_done else "·" for axis in range(3))
-        if status and calibrating
+        turns=t("words.turned", axes=", ".join(AXES[axis] for axis in status.axes_done))
+        if status and calibrating and status.axes_done
         else "",
         rebooted=_rebooted(story, now_ns, t) if row.state != TRACKING else "",
         stale=_stale(row, story, now, t),
@@ -216,6 +219,11 @@ def advice(row: DeviceRow, story: Story, t: Texts) -> str:
     elif row.state in ("awaiting still", "bias only") and rebooted(story):
         key = "rebooted"
     return t(f"tile.{key}", done=done)
+
+
+def explained(reason: Sentences) -> Sentences:
+    """Return the reasons without orders: the advice gives the one order of a page."""
+    return tuple(one for one in reason if one.code not in _ORDERS)
 
 
 def _rest(row: DeviceRow, now_ns: int, t: Texts) -> str:

@@ -80,7 +80,7 @@ class Hand:
 
     def begin(self) -> None:
         """Ask for a calibration, and see that it is under way."""
-        self._page.get_by_role("button", name="Begin").click()
+        self._page.get_by_role("button", name="Calibrate it again").click()
         self.wait_for(("place", "turn"))  # it may lie there long enough before the page looks
 
     def follow(self, until: tuple[str, ...] = OVER, *, half: str = "", turns: int = 9) -> None:

@@ -278,7 +278,8 @@ def test_a_calibration_that_was_left_is_called_so(page: Page, site: Site) -> Non
 def test_what_changes_is_never_silent(page: Page, site: Site, look: Look, monkeypatch: pytest.MonkeyPatch) -> None:
     page.clock.install()
     page.goto("/")
-    expect(page.locator("#none")).to_contain_text("No device is heard")
+    expect(page.locator("#none")).to_contain_text("Switch a device on.")
+    expect(page.locator(".choose")).to_be_hidden()
     look("ward-empty")
     names = ward(site, 6)
     expect(page.get_by_role("heading", level=1)).to_have_text("6 of 6 tracking")
@@ -364,7 +365,7 @@ def test_a_device(page: Page, site: Site, look: Look) -> None:
     expect(page.locator("#notes")).to_contain_text("sat up")
     expect(page.locator("#calibrations")).to_contain_text("in use")
     page.locator("#engineering summary").click()
-    expect(page.locator("#filter")).to_have_text("Lay the device down still: each rest is a measurement.")
+    expect(page.locator("#filter")).to_have_text("Change nothing: the next rest brings the first measurement.")
     for _ in range(2):
         seen = Receipt(now_ns(), "zaru level", (0.01, -0.02), (0.005, 0.005), 2.0, 0.1, accepted=True)
         late = Receipt(
@@ -392,7 +393,7 @@ def test_a_device(page: Page, site: Site, look: Look) -> None:
     assert page.evaluate("""[...document.querySelectorAll(".charts:not([hidden]) figure:not([hidden])")].every((figure) =>
       Math.abs(figure.querySelector(".uplot").offsetWidth - figure.clientWidth) <= 1)""")
     look("device")
-    expect(page.get_by_role("link", name="Log in to recalibrate")).to_be_visible()
+    expect(page.get_by_role("link", name="Log in to do more")).to_be_visible()
 
 
 def test_a_device_turns_on_its_page_as_it_is_turned(page: Page, site: Site, look: Look) -> None:
@@ -454,6 +455,38 @@ def test_who_may_and_who_may_not(page: Page, site: Site, look: Look) -> None:
     look("device-logged-in")
     page.get_by_role("button", name="Log out").click()
     expect(page.get_by_role("link", name="Log in")).to_be_visible()
+
+
+def test_a_page_of_a_device_gives_one_order_and_offers_what_can_be_done(page: Page, site: Site, look: Look) -> None:
+    new, lost = ward(site, 2)
+    site.talk(said(new, State.AWAITING_STILL, boot=5, time_ns=now_ns(), reason=(Code.HOLD_STILL(),)))
+    site.talk(said(lost, State.LOST, boot=5, time_ns=now_ns(), reason=(Code.NO_SAMPLES(duration="40 s"),)))
+    log_in(page, f"/devices/{new}")
+    expect(page.locator(".device > .advice")).to_have_text("Calibrate it with three turns.")
+    expect(page.locator("main")).not_to_contain_text("Hold the device still")
+    expect(page.locator("main")).not_to_contain_text("·")
+    expect(page.get_by_role("link", name="Calibrate, step by step")).to_be_visible()
+    for button in ("Recalibrate", "Cancel the calibration"):
+        expect(page.get_by_role("button", name=button)).to_be_hidden()
+    expect(page.locator("#blocked")).to_be_empty()
+    expect(page.locator(".progress")).to_be_hidden()
+    site.talk(said(new, State.TURNING, boot=5, time_ns=now_ns(), axes_done=(0, 2)))
+    expect(page.locator(".state .turns")).to_have_text("(x, z done)")
+    expect(page.locator(".progress")).to_be_visible()
+    expect(page.get_by_role("button", name="Cancel the calibration")).to_be_visible()
+    site.talk(tracking(new))
+    expect(page.get_by_role("button", name="Cancel the calibration")).to_be_hidden()
+    expect(page.get_by_role("button", name="Recalibrate")).to_be_visible()
+    page.goto(f"/devices/{lost}")
+    expect(page.get_by_role("link", name="Calibrate, step by step")).to_be_hidden()
+    for depth in ("signals", "engineering"):
+        page.locator(f"#{depth} summary").click()
+        expect(page.locator(f"#{depth} > .verdict")).to_have_text("Check that it is on, charged and near.")
+    expect(page.locator("#pause")).to_be_hidden()
+    expect(page.locator(".key", has_text="over the last 20 seconds")).to_be_hidden()
+    expect(page.locator("#receipts")).to_be_hidden()
+    expect(page.get_by_role("heading", name="NIS of each measurement")).to_be_hidden()
+    look("device-lost")
 
 
 def test_people_are_managed_on_any_screen_in_both_languages(page: Page, site: Site, look: Look) -> None:
@@ -556,7 +589,7 @@ def test_everything_of_a_chinese_page_is_chinese(page: Page, site: Site, look: L
     expect(page.get_by_role("heading", level=1)).to_have_text("没有成功")
     chinese(page)
     look("fault-zh", axe=False)
-    page.goto(f"/login?to=/devices/{names[2]}")
+    page.goto(f"/login?to=/devices/{names[1]}")
     page.get_by_label("姓名").fill("nurse")
     page.get_by_label("密码").fill("wrong password")
     page.locator("main button").click()
@@ -566,7 +599,7 @@ def test_everything_of_a_chinese_page_is_chinese(page: Page, site: Site, look: L
     page.get_by_label("密码").fill(PASSWORD)
     page.locator("main button").click()
     taken = (Code.TURN_TAKEN(axis="x"), Code.TURNS_NEEDED(axes="y, z"))
-    refused = (Code.ALREADY_DUE(device=names[2]),)
+    refused = (Code.ALREADY_DUE(device=names[1]),)
     for reply in (CommandReply("", accepted=True, message=taken), CommandReply("", accepted=False, message=refused)):
         site.talk.answer = Mock(return_value=reply)
         page.get_by_role("button", name="重新校准").click()

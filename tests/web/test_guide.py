@@ -61,6 +61,7 @@ def test_from_the_table_to_the_verdict_without_a_click(page: Page, played: Playe
     played.switch_on(rests_between(turn(2), turn(0, -360.0), turn(1)))
     played.play(1.0)
     open_guide(page)
+    expect(page.locator("#log-in")).to_be_hidden()  # nothing can be cancelled yet
     page.evaluate(LISTEN)
     look("guide-place")
     played.play_piece(0)
@@ -88,6 +89,7 @@ def test_from_the_table_to_the_verdict_without_a_click(page: Page, played: Playe
     look("guide-settle", axe=False)
     played.play_piece(2)
     told("Roll it over once, away from you")
+    expect(page.locator("#log-in")).to_have_text("Log in to cancel it")
     expect(page.locator('#turns [data-mark="done"] .axis-name')).to_have_text("z")
     look("guide-turn-along", axe=False)
     # It went the other way round than the arrow: both count, and the arrow follows.
@@ -113,21 +115,22 @@ def test_begun_and_cancelled_by_the_keyboard(page: Page, played: Played, look: L
     played.play_piece(6)
     open_guide(page, "It is calibrated")
     expect(page.locator("#rows tr")).to_have_count(3)
-    expect(page.locator("#how")).to_contain_text("log in, and press Begin")
+    expect(page.locator("#how")).to_contain_text("To calibrate it again, log in.")
     look("guide-idle", axe=False)
     log_in(page)
-    expect(page.locator("#how")).to_contain_text("press Begin. Then")
-    page.get_by_role("button", name="Begin").focus()
+    expect(page.locator("#how")).to_have_text("It is ready: nothing to do.")
+    page.get_by_role("button", name="Calibrate it again").focus()
     page.keyboard.press("Enter")
     expect(page.locator("#do")).to_have_text(PLACE)
-    expect(page.get_by_role("button", name="Begin")).to_be_hidden()
+    expect(page.get_by_role("button", name="Calibrate it again")).to_be_hidden()
     played.play_piece(9, 0.6)
     expect(page.locator("#do")).to_have_text("Go on, all the way round")
     page.get_by_role("button", name="Cancel").focus()
     page.keyboard.press("Enter")
     expect(page.locator("#do")).to_have_text("Cancelled")
+    expect(page.locator("#how")).to_have_text("Put it on: the calibration it had before stays in use.")
     expect(page.locator("#wrong")).to_contain_text("nurse cancelled the calibration.")
-    expect(page.get_by_role("button", name="Begin")).to_be_visible()
+    expect(page.get_by_role("button", name="Calibrate it again")).to_be_visible()
     expect(page.get_by_role("button", name="Cancel")).to_be_hidden()
     # What was answered is said by the step itself, and nothing of it tells that this worked.
     expect(page.locator("#said")).to_have_count(0)
@@ -154,6 +157,9 @@ def test_two_tablets_and_two_languages(page: Page, site: Site, browser: Browser,
     page.get_by_role("link", name="中文").click()
     expect(page.locator("#do")).to_have_text("再来一次：向前翻滚一整圈")
     look("guide-failed-zh")
+    page.goto("/calibrate")
+    expect(page.locator(".queued .wrong")).to_contain_text("请转满一圈")
+    expect(page.locator(".queued .wrong")).not_to_contain_text("工程师")  # that is on the page of the device
 
 
 def test_after_done_the_next_device_is_one_touch_away(page: Page, site: Site, played: Played, look: Look) -> None:
@@ -196,4 +202,8 @@ def test_a_ward_is_calibrated_several_at_once(page: Page, site: Site, played: Pl
     expect(page.locator(".queued")).to_have_count(6)
     for name in others:
         site.talk(said(name, boot=1, time_ns=time.time_ns()))
-    expect(page.locator("#nobody")).to_be_visible()
+    expect(page.locator("#nobody")).to_have_text("No device waits to be calibrated: go back to the ward.")
+    while page.locator(".queued").count():
+        page.clock.fast_forward(7000)
+        page.wait_for_timeout(200)
+    expect(page.locator("#how")).to_be_hidden()  # there is no card that says anything

@@ -153,7 +153,7 @@ def test_the_wards_summary(page: Page, site: Site, look: Look) -> None:
     expect(page.get_by_role("heading", level=1)).to_have_text("Ward w: summary")
     expect(page.locator(".of")).to_contain_text("1 of 2 tracking")
     expect(page.locator(".needs")).to_contain_text(
-        "bed-01-wrist lost no samples for 12 s Check that it is on, charged and near."
+        "bed-01-wrist lost Check that it is on, charged and near. no samples for 12 s"
     )
     expect(page.locator(".numbers")).to_contain_text("1.1500 ± 0.0059")
     look("report")

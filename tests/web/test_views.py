@@ -7,13 +7,16 @@ import numpy as np
 import pytest
 
 from bridge.reasons.catalogue import english
-from bridge.reasons.codes import Code
-from bridge.wire.messages import NO_REST_S, BiasRevision, CorrectedBatch, Quality, SampleBatch, State
+from bridge.reasons.codes import Code, Sentence
+from bridge.wire.messages import NO_REST_S, BiasRevision, CorrectedBatch, Quality, SampleBatch, State, Status
+from estimator.guide.guide import Guide
 from estimator.language.texts import texts
+from estimator.web import number_format
 from estimator.web.device_page import device_page
 from estimator.web.device_trail import POINTS, Trail
+from estimator.web.guide_view import guide_view
 from estimator.web.heading_drift import Heading
-from estimator.web.reports import past
+from estimator.web.reports import past, summary
 from estimator.web.tiles import ward_page
 from estimator.web.traces import ALONE_S, Traces
 from estimator.web.ward_state import FORGET_S, LOOKED_S, STRANGERS, Known
@@ -51,6 +54,74 @@ def test_of_several_bridges_that_tell_of_a_device_the_one_counts_whose_samples_a
     assert (story.info.bridge, list(story.boots)) == ("b2", [1, 9])
 
 
+@pytest.mark.parametrize(
+    ("state", "reason", "explained", "calibrate"),
+    [
+        (State.AWAITING_STILL, (Code.HOLD_STILL(),), "", "Calibrate"),
+        (State.BIAS_ONLY, (Code.TURN_NOW(axes="x, y, z"),), "", "Calibrate"),
+        (State.AWAITING_STILL, (Code.RECALIBRATION_ASKED(who="nurse"), Code.HOLD_STILL()),
+         "nurse asked for a new calibration.", "Calibrate"),
+        (State.TURNING, (Code.TURN_TAKEN(axis="x"),), "The turn about x was accepted.", "Calibrate"),
+        (State.WARMING, (Code.RESTARTED(),), "", ""),
+        (State.DEGRADED, (Code.NO_REST_FOR(minutes="12"),), "The device has not rested for 12 minutes.", ""),
+    ],
+)  # fmt: skip
+def test_a_tile_gives_one_order(state: State, reason: tuple[Sentence, ...], explained: str, calibrate: str) -> None:
+    (tile,) = ward_page(known(said("a", state, reason=reason)), 100.0, NOW, EN).tiles
+    assert (tile.reason, tile.calibrate) == (explained, calibrate)
+
+
+def test_a_tile_names_the_axes_that_are_done_and_has_no_riddle_for_none() -> None:
+    def turns(*done: int) -> str:
+        (tile,) = ward_page(known(said("a", State.TURNING, axes_done=done)), 100.0, NOW, EN).tiles
+        return tile.turns
+
+    assert (turns(), turns(0, 2)) == ("", "(x, z done)")
+
+
+@pytest.mark.parametrize(
+    ("status", "calibrate", "recalibrate", "cancel"),
+    [
+        (said("a", State.AWAITING_STILL), True, False, False),
+        (said("a", State.AWAITING_STILL, calibrated_time_ns=1), True, False, True),
+        (said("a", State.TURNING, axes_done=(1,)), True, False, True),
+        (said("a", State.WARMING), True, False, False),
+        (said("a"), True, True, False),
+        (said("a", State.DEGRADED), True, True, False),
+        (said("a", State.LOST), False, False, False),
+    ],
+)
+def test_a_device_page_offers_only_what_can_be_done(
+    status: Status, calibrate: bool, recalibrate: bool, cancel: bool
+) -> None:
+    page = device_page(known(status), "a", 100.0, NOW, EN)
+    assert (page.can_calibrate, page.can_recalibrate, page.can_cancel) == (calibrate, recalibrate, cancel)
+
+
+def test_a_report_tells_why_a_device_that_tracks_needs_a_person() -> None:
+    (need,) = summary(known(said("a"), about("a", battery_percent=9.0)), 100.0, EN)["needs"]
+    assert (need["advice"], need["reason"]) == ("Charge its battery.", "The battery is at 9 %: charge it.")
+    (need,) = summary(known(said("a", State.BIAS_ONLY, reason=(Code.TURN_NOW(axes="x"),))), 100.0, EN)["needs"]
+    assert (need["advice"], need["reason"]) == ("Calibrate it with three turns.", "")
+
+
+@pytest.mark.parametrize(
+    ("state", "following", "how"),
+    [(State.TRACKING, "b", "It is ready: nothing to do."), (State.DEGRADED, "", "Lay it down still for a moment.")],
+)
+def test_a_guide_leads_on_once_a_device_is_exact(state: State, following: str, how: str) -> None:
+    ward, guide = known(said("a", state), said("b", State.AWAITING_STILL)), Guide()
+    guide.take_status(said("a", state))
+    view = guide_view(guide.told(), ward, "a", 100.0)
+    assert (view.following, view.say["en"].how) == (following, how)
+
+
+def test_a_bias_and_its_unit_stay_on_one_line() -> None:
+    assert number_format.bias((0.01, 0.0, -0.01), (0.001,) * 3).endswith(
+        " −0.57 ±\N{NO-BREAK SPACE}0.11\N{NO-BREAK SPACE}°/s"
+    )
+
+
 def test_a_device_nobody_speaks_of_any_more_is_silent() -> None:
     (tile,) = ward_page(known(said("a")), 110.0, NOW, EN).tiles
     assert (tile.state, tile.tone) == ("silent", "bad")
@@ -58,7 +129,7 @@ def test_a_device_nobody_speaks_of_any_more_is_silent() -> None:
     assert ward_page(known(said("a")), 100.0, NOW, EN).tiles[0].stale == ""
     for ahead_s in (-3600, 3600):  # by the estimator's clock; when it was heard is a matter of our own
         ward = known(said("a", time_ns=NOW + ahead_s * S), said("a", time_ns=NOW + ahead_s * S + 1))
-        assert ward_page(ward, 110.0, NOW, EN).tiles[0].stale == "as of 10 s ago"
+        assert ward_page(ward, 110.0, NOW, EN).tiles[0].stale == "numbers as of 10 s ago"
 
 
 def test_without_a_router_a_device_is_unknown_and_never_gone() -> None:

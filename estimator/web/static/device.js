@@ -13,14 +13,15 @@ let trail = { rests: [], marks: [] };
 
 watch(spoken(`device/${id}`), (now) => {
   fill(page, now.tile);
-  $("guide").classList.toggle("quiet", !now.tile.calibrate);
+  $("guide").hidden = !now.can_calibrate;
+  $("guide").firstElementChild.classList.toggle("quiet", !now.tile.calibrate);
   tone(page, now.tile.tone);
   $("progress").value = now.progress;
   document.title = now.title;
   trouble(now.troubles);
-  if ($("recalibrate")) $("recalibrate").disabled = !now.can_recalibrate;
-  if ($("cancel")) $("cancel").disabled = !now.can_cancel;
-  if ($("blocked")) say($("blocked"), now.blocked || page.dataset.hint);
+  if ($("recalibrate")) $("recalibrate").hidden = !now.can_recalibrate;
+  if ($("cancel")) $("cancel").hidden = !now.can_cancel;
+  if ($("blocked")) say($("blocked"), now.blocked || (now.can_recalibrate ? page.dataset.hint : ""));
   if (told !== now.tile.word) { if (told) say($("told"), `${id}: ${now.tile.word}. ${now.tile.reason}`); told = now.tile.word; }
   rows("calibrations", now.calibrations, ([used, [when, ...cells]]) => [when + (used ? ` ${page.dataset.inUse}` : ""), ...cells], ([used]) => used);
   for (const name of ["boots", "notes", "events"]) rows(name, now[name], (line) => line);
@@ -62,7 +63,7 @@ function facts(pairs) {
 // ---- rates ----
 
 const rates = AXES.map((axis) => chart($("rates"), {
-  label: $("rates").dataset.label.replace("{axis}", axis), title: axis, height: axis === "z" ? 172 : 150, clock: false, times: axis === "z",
+  label: $("rates").dataset.label.replace("{axis}", axis), title: `${axis}, °/s`, height: axis === "z" ? 172 : 150, clock: false, times: axis === "z",
   series: [{ label: page.dataset.asRead, colour: "raw", dash: [3, 3], width: 2 }, { label: page.dataset.corrected, colour: axis }],
 }));
 const columns = { time: [], raw: [[], [], []], corrected: [[], [], []] };
@@ -108,7 +109,7 @@ let due = false;
 function frame() {
   if (due && pause.getAttribute("aria-pressed") !== "true") {
     due = false;
-    if ($("rates").hidden) { $("rates").hidden = false; $("waiting").hidden = true; }
+    if ($("rates").hidden) { $("rates").hidden = pause.hidden = false; $("waiting").hidden = true; }
     const ago = columns.time.map((time) => time - newest);
     rates.forEach((one, axis) => one.set([ago, columns.raw[axis], columns.corrected[axis]]));
   }
@@ -171,7 +172,7 @@ function around(u) {
 }
 
 const biases = AXES.map((axis) => chart($("biases"), {
-  label: $("biases").dataset.label.replace("{axis}", axis), title: axis, height: axis === "z" ? 152 : 130, times: axis === "z", behind: happenings, range: around,
+  label: $("biases").dataset.label.replace("{axis}", axis), title: `${axis}, °/s`, height: axis === "z" ? 152 : 130, times: axis === "z", behind: happenings, range: around,
   series: [{ label: "b", colour: axis, width: 2 }, { label: "+2σ", colour: axis, width: 0 }, { label: "−2σ", colour: axis, width: 0 }],
   bands: [[2, 3, axis]],
 }));
@@ -194,7 +195,7 @@ function past(data) {
 // ---- receipts of the bias filter ----
 
 const nis = chart($("nis"), {
-  label: $("nis").dataset.label, title: "NIS / m", height: 160, range: (u, low, high) => [0, Math.max(3, high * 1.1)],
+  label: $("nis").dataset.label, title: "NIS", height: 160, range: (u, low, high) => [0, Math.max(3, high * 1.1)],
   series: [{ label: "1", colour: "dim", dash: [6, 4] }, { label: "✓", colour: "well", dots: true }, { label: "✗", colour: "bad", dots: true }],
 });
 
@@ -203,7 +204,7 @@ function receipts(now) {
   tone($("filter"), now.tone);
   rows("receipts", now.lines, (line) => line);
   say($("nis-mean"), now.mean);
-  nis.figure.hidden = now.points.length < 2;
+  $("nis").closest("section").hidden = now.points.length < 2; // nothing to draw, nothing to explain
   nis.figure.setAttribute("aria-label", `${$("nis").dataset.label}. ${now.mean}`);
   const of = (wanted) => now.points.map(([, value, accepted]) => (accepted === wanted ? value : null));
   nis.set([now.points.map(([at]) => at), now.points.map(() => 1), of(true), of(false)]);

@@ -9,7 +9,7 @@ const title = document.title;
 let before = null; // the step of the last frame: the server wrote the page by a guide that may not know how it came to it
 
 watch(`guide/${id}`, (now) => {
-  const said = now.say[language], how = now.step === "idle" && page.dataset.idle ? page.dataset.idle : said.how;
+  const said = now.say[language], how = now.step === "idle" && now.tone === "well" && page.dataset.idle ? page.dataset.idle : said.how;
   page.dataset.tone = now.tone;
   if (before !== null && before !== now.step) document.getElementById("said")?.remove(); // an answer is of the step before
   page.dataset.step = before = now.step;
@@ -60,10 +60,9 @@ function ring(now, said) {
 function following(now) {
   const link = $("next").firstElementChild, over = now.step === "done" || now.step === "idle";
   $("next").hidden = !over || !now.following;
-  $("back").hidden = now.step !== "done" || Boolean(now.following);
+  $("back").hidden = now.step !== "done" || now.tone !== "well" || Boolean(now.following);
   link.href = `/devices/${encodeURIComponent(now.following)}/calibrate`;
   say(link, link.dataset.words.replace("{device}", now.following));
-  $("begin")?.querySelector("button").classList.toggle("quiet", Boolean(now.following));
 }
 
 let shown = "";

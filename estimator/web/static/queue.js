@@ -14,7 +14,7 @@ function follow(id, card) {
     card.dataset.tone = now.tone;
     card.dataset.step = now.step;
     say(card.querySelector(".do"), said.head);
-    say(wrong, said.wrong.join(" "));
+    say(wrong, said.wrong[0] ?? ""); // the others are on the guide of the device
     wrong.hidden = !said.wrong.length;
     card.querySelector("progress").value = OVER.has(now.step) ? 100 : now.percent;
   });
@@ -43,5 +43,8 @@ watch(spoken("ward"), (now) => {
   const rest = now.queue.filter((id) => !cards.has(id));
   others.hidden = !rest.length;
   say(others, others.dataset.words.replace("{names}", rest.join(", ")));
-  document.getElementById("nobody").hidden = now.queue.length > 0;
+  const waits = now.queue.length > 0;
+  document.getElementById("nobody").hidden = waits;
+  document.getElementById("how").hidden = !waits && !cards.size;
+  document.querySelector(".to-ward a").classList.toggle("quiet", waits);
 }, { must: true });

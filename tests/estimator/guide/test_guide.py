@@ -104,7 +104,7 @@ def test_what_is_less_exact_is_said_to_be_so_and_why() -> None:
     for one, step in ((Guide(), Step.IDLE), (guide, Step.DONE)):
         one.take_status(jumped)
         said = one.told()
-        assert (said.step, said.head.key, said.picture) == (step, "degraded", Picture.EDGE)
+        assert (said.step, said.head.key, said.how, said.picture) == (step, "degraded", "degraded", Picture.EDGE)
         assert said.wrong == jumped.reason
 
 
