@@ -1,4 +1,4 @@
-"""Summary of a ward: numbers of devices, problems for people, and conservation of samples. Pure."""
+"""Summary of a ward: numbers of devices, devices that need a person, and samples unaccounted for. Pure."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -52,13 +52,14 @@ class Need:
 class WardSummary:
     """Summary of a ward: numbers of devices and samples, devices that need a person, and faults of the ward.
 
-    devices: number of devices whose data has not ended. ended: number of the others. tracking: number of tracking
-    devices.
+    devices: number of devices whose data has not ended. ended: number of the others. tracking: number of devices in
+    state TRACKING: calibrated, with the bias tracked.
     needs: devices that need a person, most urgent first. troubles: faults of the ward itself.
     samples_in, samples_out, dropped: numbers of samples received, published and dropped by the estimators.
-    law: by device, a sentence for each device where samples_in differs from samples_out + dropped.
+    law: by device, a sentence for each device where samples_in differs, or has differed, from samples_out + dropped.
     unused: number of samples that estimator or bridge did not use, by device and reason; the device with most first.
-    told: by device, in English, other events that its bridge counted, and an unexpected sample rate.
+    told: by device, English text on other events that its bridge counted, and on an unexpected sample rate.
+    bridges, estimators: ids of those alive.
     """
 
     ward: str
@@ -92,7 +93,7 @@ def summarise(
     bridges: Sequence[str],
     estimators: Sequence[str],
 ) -> WardSummary:
-    """Summarise a ward.
+    """Summarise a ward: numbers of devices and samples, devices that need a person, and faults.
 
     statuses, infos: latest status and info of each device, by device id. bridges, estimators: ids of those alive.
     """

@@ -86,7 +86,7 @@ def as_words(corrected: CorrectedRecording, recording: Recording, out: Path) -> 
 
 
 def said(corrected: CorrectedRecording) -> Iterator[str]:
-    """Yield the first 12 messages that the live service would have logged, then the number of the others."""
+    """Yield the first 12 messages that a live estimator would have logged, then a line that counts the others."""
     yield from first(corrected.said)
 
 
