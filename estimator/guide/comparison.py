@@ -72,7 +72,10 @@ def compared(calibration: Calibration, before: Calibration | None) -> tuple[Axis
 
 
 def differing(axes: Iterable[AxisCompared]) -> tuple[int, ...]:
-    """Return the axes (0, 1, 2) whose scale factor has changed by more than APART = 3 standard deviations."""
+    """Return the axes (0, 1, 2) whose scale factor has changed significantly.
+
+    The change must exceed APART = 3 times its standard deviation.
+    """
     return tuple(one.axis for one in axes if one.apart > APART)
 
 

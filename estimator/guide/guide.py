@@ -278,8 +278,8 @@ class Guide:
 def wrong_in(reason: Sentences) -> Sentences:
     """Return the sentences of a status's `reason` that name faults; messages that name no fault are left out.
 
-    After an accepted turn, `reason` ends with the list of missing turns and an earlier verdict. These are left out,
-    too.
+    After an accepted turn, `reason` ends with the turns still needed and the faults of earlier turns. These are left
+    out, too.
     """
     codes = [one.code for one in reason]
     if Code.TURN_TAKEN in codes and Code.TURNS_NEEDED in codes:

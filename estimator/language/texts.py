@@ -20,7 +20,7 @@ _FOLDER = Path(__file__).parent.parent / "web" / "texts"
 class Texts:
     """Texts for people in one language; calling the object with a key returns a text.
 
-    Methods return the texts of counters and sentences.
+    Its methods translate counters' labels, and sentences of the estimator, the bridge and the guide.
     """
 
     def __init__(self, language: str) -> None:

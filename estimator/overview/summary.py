@@ -81,7 +81,7 @@ class WardSummary:
     def well(self) -> bool:
         """True if nobody has to do anything.
 
-        No device needs a person, every sample is accounted for, and the ward has no fault.
+        No device needs a person, every received sample was published or counted as dropped, and the ward has no fault.
         """
         return not (self.needs or self.law or self.troubles)
 
@@ -197,7 +197,10 @@ def most(reasons: Mapping[str, int]) -> str:
 
 
 def told(info: DeviceInfo) -> str:
-    """Format a device's most frequent events, and an unexpected sample rate, in English; empty if there is nothing."""
+    """Format the events that a device's bridge counted, and an unexpected sample rate, in English; may be empty.
+
+    Only the most frequent events are named.
+    """
     counts = most({in_words(label): n for label, n in info.events.items() if n})
     rate = english(*(notice for notice in info.notices if notice.code in _OF_RATE))
     return " ".join(filter(None, (rate, counts)))

@@ -50,7 +50,7 @@ def recorded_as_json(calibration: Calibration) -> dict[str, Any]:
 
 
 def first(lines: Sequence[str]) -> Iterator[str]:
-    """Yield the first 12 lines, then a line with the number of the others, which `--json` prints in full."""
+    """Yield the first 12 lines; if there are more, then a line that counts them and refers to `--json`."""
     yield from lines[:_MOST]
     if (more := len(lines) - _MOST) > 0:
         yield f"… and {more} more; --json lists all"

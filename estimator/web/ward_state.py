@@ -315,7 +315,7 @@ class Known:
         return replace(row, state=UNKNOWN, needs_person=True, reason=(Code.ROUTER_GONE(), *last))
 
     def deaf(self, device: str) -> bool:
-        """Return whether no samples of a device can arrive: the router, every estimator, or its bridge is gone."""
+        """Return whether a missing router, estimator or bridge keeps all samples of a device from arriving."""
         info = self.stories[device].info
         estimators, bridges = self.alive["estimator"].copy(), self.alive["bridge"].copy()
         none = (self.looked or bool(estimators)) and not any(estimators.values())

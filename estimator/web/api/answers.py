@@ -52,7 +52,7 @@ class Worn(Struct, frozen=True):
 
 
 class Accelerometer(Struct, frozen=True):
-    """Calibration of an accelerometer from rests in different poses: corrected = scale × (reading − bias), axis by axis.
+    """Calibration of an accelerometer by rests in different poses: corrected = scale × (reading − bias), axis by axis.
 
     bias_m_s2, scale (3): bias, m/s², and scale factors, no unit. covariance (6, 6): of the three biases (m/s²), then of
     the three scale factors. These three are null if the calibration was not accepted.

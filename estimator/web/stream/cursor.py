@@ -1,4 +1,4 @@
-"""Cursor of a stream reader in a buffer of batches: returns each sample once and in order, reports missed ones. Pure."""
+"""Cursor of a stream reader in a buffer of batches: returns each sample once, in order, and reports missed ones. Pure."""
 
 from collections import deque
 from collections.abc import Iterable, Mapping
