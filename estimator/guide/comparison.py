@@ -1,4 +1,4 @@
-"""Comparison of a calibration with the previous one, to detect a confusion of devices. Pure."""
+"""Comparison of a calibration with the previous one, to detect that devices were exchanged. Pure."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -50,9 +50,10 @@ def last_before(calibration: Calibration, known: Iterable[Calibration]) -> Calib
 
 
 def compared(calibration: Calibration, before: Calibration | None) -> tuple[AxisCompared, ...]:
-    """Compare the scale factor of each axis with the earlier calibration `before`, or None.
+    """Return scale factor and bias of each axis, with the scale factor of the earlier calibration `before`.
 
-    Biases are not compared, since they belong to different boots.
+    before: None if there is none; its scale factors are then NaN. Only scale factors are compared, since a bias may
+    differ in each boot.
     """
     std = stds(calibration)
     then = {} if before is None else stds(before)
@@ -71,7 +72,10 @@ def compared(calibration: Calibration, before: Calibration | None) -> tuple[Axis
 
 
 def differing(axes: Iterable[AxisCompared]) -> tuple[int, ...]:
-    """Return the axes (0, 1, 2) whose scale factor has changed by more than APART = 3 standard deviations."""
+    """Return the axes (0, 1, 2) whose scale factor has changed significantly.
+
+    The change must exceed APART = 3 times its standard deviation.
+    """
     return tuple(one.axis for one in axes if one.apart > APART)
 
 
@@ -93,8 +97,8 @@ def bias_moves(calibration: Calibration, known: Iterable[Calibration]) -> tuple[
 
 
 def stds(calibration: Calibration) -> dict[str, float]:
-    """Return the standard deviation of each parameter by name.
+    """Return the standard deviation of each parameter of a calibration, by the parameter's name.
 
-    `bias_x` … are in rad/s; `k_x` and `m_xy` … have no unit.
+    `bias_x` … are in rad/s. `k_x` … (scale factors) and `m_xy` … (other elements of the matrix) have no unit.
     """
     return dict(zip(calibration.parameters, np.sqrt(np.diag(calibration.covariance)).tolist(), strict=True))

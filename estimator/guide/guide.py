@@ -130,7 +130,7 @@ class Guide:
             self.hand.begin_rest()  # rest before the calibration began does not count
 
     def told(self) -> Instruction:
-        """Return the instruction for the present moment."""
+        """Return the present instruction for the person."""
         sides = self._sides if self.method in BY_MOVEMENTS else None
         ways = self._way(0), self._way(1), self._way(2)
         return replace(self._now(), rebooted=self._rebooted, ways=ways, sides=sides)
@@ -276,10 +276,10 @@ class Guide:
 
 
 def wrong_in(reason: Sentences) -> Sentences:
-    """Return the sentences of a status's reasons that name faults; usual messages are left out.
+    """Return the sentences of a status's `reason` that name faults; messages that name no fault are left out.
 
-    If a turn has been accepted, the sentences from the list of missing turns on repeat an earlier verdict. These
-    sentences are left out, too.
+    After an accepted turn, `reason` ends with the turns still needed and the faults of earlier turns. These are left
+    out, too.
     """
     codes = [one.code for one in reason]
     if Code.TURN_TAKEN in codes and Code.TURNS_NEEDED in codes:

@@ -21,8 +21,8 @@ class Hand:
 
     noise_guess: standard deviation of the white noise of one reading, rad/s, until measured. A new boot id resets the
     motion.
-    `turned` (3,): angle turned about each axis since the last rest, rad, without scale factor. `still_s`: seconds of
-    rest so far.
+    `turned` (3,): angle turned about each axis since the last rest of at least `rest_s` seconds, rad. It is not
+    corrected by the scale factors. `still_s`: duration of the present rest, s.
     Axes are 0, 1, 2 (x, y, z) in the sensor frame.
     """
 
@@ -75,12 +75,15 @@ class Hand:
 
     @property
     def rested(self) -> float:
-        """Completed part of the required rest, from 0 to 1."""
+        """Completed part of the required rest of `rest_s` seconds, from 0 to 1."""
         return min(1.0, self.still_s / self.rest_s)
 
     @property
     def axis(self) -> int | None:
-        """Axis (0, 1, 2) of the present turn; None while the rotation is small or spread over several axes."""
+        """Axis (0, 1, 2) of the present turn; None while the rotation is at most 30°, or spread over several axes.
+
+        Rotation is spread if the part about its largest axis is at most 80 %.
+        """
         angle = float(np.linalg.norm(self.turned))
         axis = int(np.argmax(np.abs(self.turned)))
         return axis if angle > NUDGE and abs(float(self.turned[axis])) > SHARE * angle else None

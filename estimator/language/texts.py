@@ -20,7 +20,7 @@ _FOLDER = Path(__file__).parent.parent / "web" / "texts"
 class Texts:
     """Texts for people in one language; calling the object with a key returns a text.
 
-    Methods return the texts of counters and sentences.
+    Its methods translate counters' labels, and sentences of the estimator, the bridge and the guide.
     """
 
     def __init__(self, language: str) -> None:
@@ -47,7 +47,7 @@ class Texts:
         return self._catalogue.text(sentences)
 
     def label(self, label: str) -> str:
-        """Return a counter's label in this language."""
+        """Return the label of a counter, such as `gaps`, translated to this language."""
         return self._catalogue.label(label)
 
     def say(self, section: str, words: Words) -> str:
@@ -65,9 +65,9 @@ def texts(language: str) -> Texts:
 
 
 def chosen(asked: Sequence[str], accepted: str = "") -> str:
-    """Choose the language: the first of LANGUAGES in `asked`, else in an Accept-Language header, else the default.
+    """Choose the language: first entry of `asked` that is one of LANGUAGES, else by an Accept-Language header.
 
-    accepted: the header's value, or empty.
+    accepted: the header's value, or empty. Without a match, the first of LANGUAGES is returned.
     """
     weighed = []
     for number, part in enumerate(accepted.split(",")[:20]):

@@ -1,4 +1,4 @@
-"""View of a ward's estimators: which are alive, which devices each owns under which epoch, and recent moves. Pure."""
+"""View of a ward's estimators: which are alive, which devices each owns, and recent changes of ownership. Pure."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -11,9 +11,10 @@ from bridge.wire.messages import Holding, Move, Owned
 
 @dataclass(frozen=True, slots=True)
 class Share:
-    """Estimator of a ward: whether it is alive, the devices that it owns, and its recent moves of devices.
+    """Estimator of a ward: whether it is alive, the devices that it owns, and recent changes of these.
 
-    load: processor time used by the estimator's process, s per s; 1 is one core in full use.
+    load: processor time used by the estimator's process, s per s; 1 is one core in full use. holdings: the owned
+    devices. moves: numbers of devices gained and given up, with times.
     """
 
     estimator: str

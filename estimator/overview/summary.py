@@ -1,4 +1,4 @@
-"""Summary of a ward: numbers of devices, problems for people, and conservation of samples. Pure."""
+"""Summary of a ward: numbers of devices, devices that need a person, and samples unaccounted for. Pure."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -52,13 +52,14 @@ class Need:
 class WardSummary:
     """Summary of a ward: numbers of devices and samples, devices that need a person, and faults of the ward.
 
-    devices: number of devices whose data has not ended. ended: number of the others. tracking: number of tracking
-    devices.
+    devices: number of devices whose data has not ended. ended: number of the others. tracking: number of devices in
+    state TRACKING: calibrated, with the bias tracked.
     needs: devices that need a person, most urgent first. troubles: faults of the ward itself.
     samples_in, samples_out, dropped: numbers of samples received, published and dropped by the estimators.
-    law: by device, a sentence for each device where samples_in differs from samples_out + dropped.
+    law: by device, a sentence for each device where samples_in differs, or has differed, from samples_out + dropped.
     unused: number of samples that estimator or bridge did not use, by device and reason; the device with most first.
-    told: by device, in English, other events that its bridge counted, and an unexpected sample rate.
+    told: by device, English text on other events that its bridge counted, and on an unexpected sample rate.
+    bridges, estimators: ids of those alive.
     """
 
     ward: str
@@ -80,7 +81,7 @@ class WardSummary:
     def well(self) -> bool:
         """True if nobody has to do anything.
 
-        No device needs a person, every sample is accounted for, and the ward has no fault.
+        No device needs a person, every received sample was published or counted as dropped, and the ward has no fault.
         """
         return not (self.needs or self.law or self.troubles)
 
@@ -92,7 +93,7 @@ def summarise(
     bridges: Sequence[str],
     estimators: Sequence[str],
 ) -> WardSummary:
-    """Summarise a ward.
+    """Summarise a ward: numbers of devices and samples, devices that need a person, and faults.
 
     statuses, infos: latest status and info of each device, by device id. bridges, estimators: ids of those alive.
     """
@@ -196,7 +197,10 @@ def most(reasons: Mapping[str, int]) -> str:
 
 
 def told(info: DeviceInfo) -> str:
-    """Format a device's most frequent events, and an unexpected sample rate, in English; empty if there is nothing."""
+    """Format the events that a device's bridge counted, and an unexpected sample rate, in English; may be empty.
+
+    Only the most frequent events are named.
+    """
     counts = most({in_words(label): n for label, n in info.events.items() if n})
     rate = english(*(notice for notice in info.notices if notice.code in _OF_RATE))
     return " ".join(filter(None, (rate, counts)))

@@ -32,8 +32,10 @@ WORDS = {state: state.name.lower().replace("_", " ") for state in State}
 class DeviceRow:
     """Row of one device in a list of a ward: state, reasons, quality, rate and battery.
 
-    None means unknown. rate_hz: measured samples per second; 0 if unknown. evidence_age_s: seconds since the last rest.
-    `gaps` and `missing_samples` count from when the estimator first saw the device. battery_percent: charge, 0 to 100.
+    rate_hz: measured samples per second; 0 if unknown. evidence_age_s: seconds since the last accepted rest, None
+    without one.
+    `gaps`, `missing_samples`: numbers of gaps and of samples missing in them, since the estimator first saw the device.
+    battery_percent: charge, 0 to 100, None if unknown. notices: other messages, such as a low battery.
     needs_person: as `estimator.device.attention` defines it; also True if no estimator reports the device.
     """
 
@@ -53,7 +55,7 @@ class DeviceRow:
 
     @property
     def low_battery(self) -> bool:
-        """True if the battery is low and not charging."""
+        """True if the battery's charge is below LOW_BATTERY_PERCENT and the battery is not charging."""
         return self.battery_percent is not None and self.battery_percent < LOW_BATTERY_PERCENT and not self.charging
 
     @property
@@ -74,7 +76,7 @@ class DeviceRow:
 
 
 class WardView:
-    """Latest status of each device of a ward, the time it came, and the latest infos.
+    """Latest status of each device of a ward, when it arrived, and the latest infos.
 
     Every argument `now` is monotonic time, s.
     """
@@ -112,7 +114,7 @@ class WardView:
         return {device: now - heard for device, (_, heard) in self._statuses.items()}
 
     def ended(self, now: float) -> list[str]:
-        """Return the ids of devices whose data has ended and that no estimator reports any more.
+        """Return the ids of devices whose data has ended, and of which no status has arrived for SILENT_S seconds.
 
         now: monotonic time, s.
         """
@@ -136,7 +138,7 @@ class WardView:
     def settled(self, now: float) -> bool:
         """Return whether every device is known to be live (a second status came) or silent (none for SILENT_S seconds).
 
-        now: monotonic time, s.
+        The first status of a device may be an old one that the bus had cached. now: monotonic time, s.
         """
         return all(name in self._anew or _silence(now - heard) for name, (_, heard) in self._statuses.items())
 
@@ -148,14 +150,13 @@ class WardView:
         return {name: _unless_silent(status, now - heard) for name, (status, heard) in self._statuses.items()}
 
     def infos(self) -> dict[str, DeviceInfo]:
-        """Return the hardware info of each device by id, from the bridge whose samples are used."""
+        """Return the hardware info of each device by id, from the bridge that `info` chooses."""
         return {name: info for name in self._infos if (info := self.info(name)) is not None}
 
     def info(self, name: str) -> DeviceInfo | None:
         """Return the info of a device from the bridge whose samples are used, else from another bridge.
 
-        None if unknown.
-        Among other bridges, one that receives the device comes first.
+        None if unknown. Among other bridges, one that has received the device's present boot comes first.
         """
         known, (status, _) = self._infos.get(name, {}), self._statuses.get(name, (None, 0.0))
         if status is not None and status.bridge in known:
@@ -235,7 +236,7 @@ def head_line(rows: Sequence[DeviceRow]) -> str:
 
 
 def listed(devices: Iterable[str]) -> str:
-    """Format device ids in order, `ankle, chest`; after the first 20, the number of the others."""
+    """Format device ids in alphabetical order, `ankle, chest`; after the first 20, the number of the others."""
     names = sorted(devices)
     more = f" and {len(names) - _LISTED} more" if len(names) > _LISTED else ""
     return f"{', '.join(names[:_LISTED])}{more}"

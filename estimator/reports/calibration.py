@@ -19,9 +19,10 @@ def as_json(
 ) -> dict[str, Any]:
     """Return a new calibration as JSON-compatible values, in SI units.
 
-    The object has the keys of a calibration file, and four more: axes to repeat, information per parameter in bits,
-    unused movements with reasons, and notes on the recording.
-    passed_over: reasons why movements were not used. notes: assumptions and repairs made when the recording was read.
+    The object has the keys of a calibration file, and four more. These are axes to repeat, information per parameter in
+    bits, unused movements with reasons, and notes on the recording.
+    result: outcome of the estimation. calibration: the same as a record to save. passed_over: reasons why movements
+    were not used. notes: assumptions and repairs made when the recording was read.
     """
     known = bool(np.all(np.isfinite(result.covariance)))
     bits = result.information_bits.tolist() if known else []
@@ -35,9 +36,9 @@ def as_json(
 
 
 def recorded_as_json(calibration: Calibration) -> dict[str, Any]:
-    """Return a calibration made live as JSON-compatible values, with the keys of `as_json`.
+    """Return a calibration received from a live ward as JSON-compatible values, with the keys of `as_json`.
 
-    No axes are to be repeated, and the information in bits is null.
+    The four keys that `as_json` adds to a calibration file are empty lists, or null for the information in bits.
     """
     return {
         **calibration_file.as_json(calibration),
@@ -49,7 +50,7 @@ def recorded_as_json(calibration: Calibration) -> dict[str, Any]:
 
 
 def first(lines: Sequence[str]) -> Iterator[str]:
-    """Yield the first 12 lines, then a line with the number of the others, which `--json` prints in full."""
+    """Yield the first 12 lines; if there are more, then a line that counts them and refers to `--json`."""
     yield from lines[:_MOST]
     if (more := len(lines) - _MOST) > 0:
         yield f"… and {more} more; --json lists all"

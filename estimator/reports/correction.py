@@ -25,7 +25,7 @@ _MEANS = {
 
 
 def bias_known(corrected: CorrectedRecording) -> bool:
-    """Return whether the bias is known for any sample of a corrected recording."""
+    """Return whether the bias is known for at least one sample of a corrected recording."""
     return not corrected.seconds().keys() <= {"NONE", "PRIOR"}
 
 
@@ -57,7 +57,8 @@ def as_json(corrected: CorrectedRecording, recording: Recording, out: Path) -> d
 def as_words(corrected: CorrectedRecording, recording: Recording, out: Path) -> Iterator[str]:
     """Yield the lines of a corrected recording's report.
 
-    Samples, quality, bias at the end (°/s), calibrations, temperature (°C), events, and the output file `out`.
+    They state samples, quality, bias at the end (°/s), calibrations, temperature (°C), events, and the output file
+    `out`.
     """
     minutes = recording.time_s[-1] / 60
     how = "from the whole recording" if corrected.smoothed else "as in a live ward"
@@ -86,7 +87,7 @@ def as_words(corrected: CorrectedRecording, recording: Recording, out: Path) -> 
 
 
 def said(corrected: CorrectedRecording) -> Iterator[str]:
-    """Yield the first 12 messages that the live service would have logged, then the number of the others."""
+    """Yield the first 12 messages that a live estimator would have logged, then a line that counts the others."""
     yield from first(corrected.said)
 
 

@@ -19,9 +19,9 @@ from estimator.service.history import Biases, History
 
 
 def as_tables(history: History) -> Iterator[RenderableType]:
-    """Yield tables of calibrations (accepted and refused), boots, commands, and each boot's bias (°/s).
+    """Yield tables of calibrations, placements, boots, commands, and the bias (°/s) at the end of each boot.
 
-    Empty tables are left out.
+    Calibrations are accepted and refused ones. Empty tables are left out.
     """
     refused = [row for row in history.commands if row["verb"] == "calibrate"]
     tried = [(c.time_ns, _calibration(c, history.calibrations)) for c in history.calibrations]

@@ -20,9 +20,9 @@ _POOR = 3.0  # misfit above which the model explains an axis poorly
 
 
 def as_json(rest: AtRest) -> dict[str, Any]:
-    """Return the noise at rest as JSON-compatible values, in SI units.
+    """Return the noise of a gyro at rest as JSON-compatible values, in SI units.
 
-    If `seen` of a coefficient is false, only its upper limit `high` is known.
+    If `seen` of a noise coefficient is false, only its upper limit `high` is known.
     """
     return {
         "used_s": [rest.start_s, rest.end_s],

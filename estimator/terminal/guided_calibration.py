@@ -49,9 +49,10 @@ def calibrate(
 ) -> int:
     """Guide a person in a terminal through the calibration of a live device; request one unless one is in progress.
 
-    who: the person, for the audit. t: texts in the person's language. seconds: give up after this time, s.
-    knobs: settings of the device; by default those of a device of unknown kind.
-    Returns 0 when the device is calibrated, else 1.
+    who: name of the person, recorded with the command. t: texts in the person's language. seconds: give up after this
+    time, s; None for no limit.
+    knobs: settings of the device; by default those of a device of unknown model.
+    Returns the exit code: 0 if the device is calibrated, else 1.
     """
     heard = Heard(client, device, knobs or Treatment().of(device))
     told, asked, begin, misnamed = heard.guide.told(), False, time.monotonic(), False
@@ -88,7 +89,8 @@ def calibrate(
 class Heard:
     """Receiver of messages about one device during a calibration, and of the bridges and estimators that are alive.
 
-    `guide`: turns the messages into instructions. `story`: everything known of the device.
+    `guide`: turns the messages into instructions. `story`: collected messages of the device. knobs: settings of the
+    device.
     """
 
     def __init__(self, client: Client, device: str, knobs: SessionKnobs) -> None:
@@ -102,7 +104,7 @@ class Heard:
         self._watches = [client.watch_alive(what, alive.__setitem__) for what, alive in self._known.alive.items()]
 
     def told(self, wait_s: float) -> Instruction:
-        """Wait at most `wait_s` seconds for readings, and return the current instruction."""
+        """Receive messages, waiting at most `wait_s` seconds for readings, and return the current instruction."""
         for batch in self._samples.drain(wait_s):
             self.guide.take_samples(batch)
         now = time.monotonic()
@@ -172,7 +174,7 @@ class GuideScreen:
 
 
 def sentences(told: Instruction, t: Texts) -> list[str]:
-    """Return an instruction as sentences: faults of the last attempt, what to do, and how."""
+    """Return an instruction as sentences: turns lost by a reboot, faults of the last attempt, what to do, and how."""
     wrong = [t.text((one,)) for one in told.wrong]
     again = [t("guide.rebooted")] if told.rebooted else []
     return [*again, *wrong, t.say("head", told.head), f"  {t(f'how.{told.how}')}"]

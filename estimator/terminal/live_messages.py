@@ -13,9 +13,10 @@ NO_DEVICE_DO = "Start a bridge, or name the right ward (--config WARD.toml or --
 
 
 def interrupted(begin: float, *, heard: bool) -> None:
-    """Handle Ctrl-C in a live view: raise KeyboardInterrupt if it is too early for a report.
+    """Handle Ctrl-C in a live view: raise KeyboardInterrupt if nothing can be reported yet, else return.
 
-    begin: monotonic time of the start, s. heard: whether any device was heard; then a report is never too early.
+    A report is possible once a device was heard, or after NONE_S seconds of silence. begin: monotonic time of the
+    start, s. heard: whether any device was heard.
     """
     if not heard and time.monotonic() - begin < NONE_S:
         raise KeyboardInterrupt

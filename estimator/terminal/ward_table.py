@@ -42,9 +42,9 @@ _COLUMNS = (
 
 
 def table(statuses: dict[str, Status], title: str = "") -> Columns:
-    """Return a table with a row per device: state, quality, turns done, bias uncertainty, and reason.
+    """Return a table with a row per device: where worn, state, quality, turns done, bias uncertainty, and reason.
 
-    statuses: by device id. Bias uncertainty is the 95 % interval of the least known axis, °/s.
+    statuses: by device id. Bias uncertainty is half the width of the 95 % interval of the least known axis, °/s.
     """
     shown = Columns(_COLUMNS, title=title)
     for name in sorted(statuses):
@@ -72,7 +72,7 @@ class LiveTable:
     def show(self, elapsed_s: float, statuses: dict[str, Status], changes: list[Status], note: str) -> None:
         """Show the ward's statuses, `elapsed_s` seconds after the start.
 
-        statuses: by device id. changes: statuses with a new state. note: text of the title.
+        statuses: by device id. changes: statuses with a new state. note: text for the table's title.
         """
         if self._live is not None:
             self._live.update(table(statuses, f"{elapsed_s:4.0f} s  {note}"))

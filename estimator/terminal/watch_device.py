@@ -27,7 +27,10 @@ from estimator.terminal.ward_table import table, word
 
 
 def show_devices(console: Console, ward: str, endpoints: Sequence[str]) -> int:
-    """Print hardware and state of every device of a ward; returns the exit code: 1 if there is no device, else 0."""
+    """Print hardware and state of every device of a ward; returns the exit code: 1 if there is no device, else 0.
+
+    endpoints: addresses of the routers, such as `tcp/10.0.0.5:7447`.
+    """
     with Client(endpoints, ward=ward) as client:
         statuses, infos = _said(client)
     if not infos and not statuses:
@@ -46,7 +49,10 @@ def show_devices(console: Console, ward: str, endpoints: Sequence[str]) -> int:
 
 
 def show_status(console: Console, ward: str, endpoints: Sequence[str], *, as_json: bool) -> int:
-    """Print a ward's summary; returns the exit code: 1 if a person has to do something, else 0."""
+    """Print a ward's summary; returns the exit code: 1 if a person has to do something, else 0.
+
+    endpoints: addresses of the routers, such as `tcp/10.0.0.5:7447`. as_json: print JSON instead of text.
+    """
     with Client(endpoints, ward=ward) as client:
         bridges, estimators = client.alive("bridge"), client.alive("estimator")
         statuses, infos = _said(client)
@@ -129,9 +135,11 @@ def _hardware_row(info: DeviceInfo) -> tuple[str, ...]:
 
 
 def watch(console: Console, ward: str, endpoints: Sequence[str], device: str, seconds: float | None) -> int:
-    """Show one device until Ctrl-C, or for `seconds` s; returns the exit code: 1 if none of its samples came, else 0.
+    """Show one device until Ctrl-C, or for `seconds` s.
 
-    Ends after a few seconds if the ward has other devices, but not this one.
+    endpoints: addresses of the routers, such as `tcp/10.0.0.5:7447`. Ends after a few seconds if the ward has other
+    devices, but not this one.
+    Returns the exit code: 1 if no corrected samples of the device arrived, else 0.
     """
     with Client(endpoints, ward=ward) as client:
         corrected = client.corrected(device, history=False, quiet=True)

@@ -36,8 +36,8 @@ def watch_ward(
 ) -> int:
     """Show the client's ward until Ctrl-C, for `seconds` s, or once.
 
-    only: id of the device to show; empty shows all. Returns the exit code: 0 if the device `only` has sent, or with an
-    empty `only` any device; else 1.
+    only: id of the device to show; empty shows all.
+    Returns the exit code: 0 if the ward has the device `only`, or with an empty `only` any device; else 1.
     """
     ears, heard, said, strange = LiveMessages(client), False, dict[str, str](), ""
     listen = ears.settle if once else ears.listen

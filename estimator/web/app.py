@@ -40,7 +40,8 @@ def routes() -> list[BaseRoute]:
 def application(desk: Desk, broadcast: Broadcast) -> Starlette:
     """Build the ASGI application of one dashboard: routes, security checks, compression and error pages.
 
-    The application also runs the broadcast loop of the pages.
+    desk: services shared by all requests. broadcast: loop that sends live content to pages; it runs while the
+    application runs.
     """
 
     @contextlib.asynccontextmanager

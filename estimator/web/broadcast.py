@@ -1,4 +1,4 @@
-"""Broadcast loop of the pages: reads the bus many times a second, and makes the frames of watched topics."""
+"""Broadcast loop: reads the bus many times a second, and makes the frames (messages) of all topics that pages watch."""
 
 import asyncio
 import contextlib
@@ -37,7 +37,8 @@ LATE_S = 1.0
 class Heard:
     """Subscriptions to messages about all devices (status, info, calibration …), kept even if no page is open.
 
-    known: ward state that takes the messages. client: session for data. control: session for liveliness.
+    known: ward state to which the messages are added. client: bus session for data. control: bus session that tells
+    which bridges and estimators are alive.
     """
 
     def __init__(self, known: Known, client: Client, control: Client) -> None:
@@ -59,7 +60,7 @@ class Heard:
         ]
 
     def hear(self, now: float) -> None:
-        """Hand the messages received since the last call to the ward's state. now: monotonic time, s."""
+        """Add the messages received since the last call to the ward's state. now: monotonic time, s."""
         self._known.take_router(now, there=self._client.connected)
         for stream, take in self._streams:
             for message in stream.drain():
@@ -89,7 +90,7 @@ class _Running:
 
 
 class Broadcast:
-    """Loop that starts, feeds and ends the topics watched by pages. Runs entirely in the event loop."""
+    """Loop that creates, updates and closes the topics watched by pages. Runs entirely in the event loop."""
 
     def __init__(self, desk: Desk) -> None:
         self._desk = desk
@@ -102,9 +103,9 @@ class Broadcast:
         self.failed, self.left_out = Tally(), Tally()
 
     def connect(self, client: Client, control: Client) -> None:
-        """Start to receive from the first router found; topics that pages watch already are restarted.
+        """Subscribe through the first router found, and restart the topics that pages watch already.
 
-        client: session with the router for data. control: session for liveliness and commands.
+        client: bus session for data. control: bus session for commands, and for which bridges and estimators are alive.
         """
         self._desk.client, self._desk.control = client, control
         self._heard = Heard(self._desk.known, client, control)

@@ -1,4 +1,4 @@
-"""Grouping of client addresses by customer, for rate limits. Pure."""
+"""Grouping of client addresses into networks of one customer, for rate limits. Pure."""
 
 from functools import lru_cache
 from ipaddress import IPv6Address, IPv6Network, ip_address
@@ -9,7 +9,7 @@ _CUSTOMER = 64
 
 @lru_cache(4096)
 def neighbourhood(address: str) -> str:
-    """Return the address under which a client is counted: of an IPv6 address its /64 network.
+    """Return the key under which rate limits count a client address: of an IPv6 address its /64 network.
 
     One machine may hold all addresses of a /64 network. An IPv4-mapped IPv6 address becomes IPv4. Other addresses are
     returned unchanged.

@@ -26,10 +26,11 @@ _REFUSED = ": "
 
 @dataclass(frozen=True, slots=True)
 class Mark:
-    """Event of a device.
+    """Event in a device's history, drawn as a mark in charts.
 
-    time_ns: host time, ns since the Unix epoch. kind: boot, calibrated, refused, note or state.
-    words: text of a note, label of refused evidence or a boot, or reason of a calibration.
+    time_ns: host time, ns since the Unix epoch. kind: boot, calibrated (calibration accepted), note, or refused
+    (calibration rejected, or measurement refused by the bias filter).
+    words: text of a note or boot, reason of a calibration, or kind and reason of a refused measurement.
     """
 
     time_ns: int
@@ -41,8 +42,10 @@ class Trail:
     """History of one device for charts: at most POINTS points, with rests, events and receipts.
 
     times_ns (n,): host time of each point, ns since the Unix epoch, increasing.
-    points (n, 7): bias x, y, z and its standard deviations in rad/s, temperature in °C; NaN between boots.
-    rests: (begin, end), ns since the Unix epoch. marks: events.
+    points (n, 7): bias x, y, z and its standard deviations in rad/s, temperature in °C. A row of NaN separates two
+    boots.
+    rests: (begin, end), ns since the Unix epoch. marks: events. receipts: latest measurement updates of the bias
+    filter.
     """
 
     def __init__(self) -> None:
@@ -59,9 +62,9 @@ class Trail:
     def take(self, status: Status) -> None:
         """Add a status (sent once a second and at every change) as a point.
 
-        A status that is not newer than the last point is left out. Two such statuses in a row, in order of time, show
-        that the clock was set back. If the second is over 5 s older than the last point, it is added, and all later
-        points are removed.
+        A status that is not newer than the last point is left out, unless the clock was set back. Two such statuses in
+        a row show this, if the second is newer than the first, and over 5 s older than the last point. The second is
+        then added, and the points from its time on are removed.
         """
         latest_ns = self.receipts[-1].time_ns if self.receipts else 0
         self.receipts += (one for one in status.receipts if one.time_ns > latest_ns)  # a status may come twice
@@ -84,14 +87,15 @@ class Trail:
         self.times_ns, self.points = np.append(self.times_ns, time_ns), np.vstack([self.points, row])
 
     def mark(self, mark: Mark) -> None:
-        """Add an event to the marks; a known event changes nothing."""
+        """Add an event to `marks`, unless it is there already."""
         if mark not in self.marks:
             self.marks.append(mark)
 
     def revise(self, revision: BiasRevision) -> None:
-        """Replace bias and its standard deviation by the values of a revision, within the revision's times.
+        """Replace past biases and their standard deviations by the estimator's revised values, in rad/s.
 
-        Values are interpolated linearly.
+        Points between the first and the last time of the revision are replaced. The revised values are interpolated
+        linearly.
         """
         times = self.times_ns
         inside = (times >= revision.times_ns[0]) & (times <= revision.times_ns[-1]) & np.isfinite(self.points[:, 0])
@@ -103,8 +107,8 @@ class Trail:
     def spread(self, n: int, begin_ns: int, end_ns: int) -> Floats:
         """Resample the trail to n points at even intervals; returns (n, 7), columns as in `points`.
 
-        begin_ns, end_ns: first and last time, ns since the Unix epoch. Each row is the last point before its time; NaN
-        if that is missing or too old.
+        begin_ns, end_ns: first and last time, ns since the Unix epoch. Each row is the last point at or before its
+        time. It is NaN if that point is missing, or older than the larger of three intervals and 5 s.
         """
         at = np.linspace(begin_ns, end_ns, n).astype(np.int64)
         found = np.full((n, 7), np.nan)

@@ -1,4 +1,4 @@
-"""Security checks around every page: host and origin of each request, and security headers of each response."""
+"""Security checks around every page: Host and Origin of each request, and security headers of each response."""
 
 from collections.abc import Callable
 from http import HTTPStatus
@@ -34,10 +34,10 @@ _SCHEMES = {"http": "http", "ws": "http", "https": "https", "wss": "https"}
 
 
 class Guard:
-    """ASGI middleware that refuses requests for foreign hosts and from foreign origins, and adds security headers.
+    """ASGI middleware that refuses requests with an unknown Host or a foreign Origin, and adds security headers.
 
-    settings: returns the present settings, which may change. Pages from the settings' `origins` may read the stream's
-    WebSocket.
+    A foreign Origin is that of a page from another site. settings: function that returns the current settings, with the
+    names `hosts` and `origins`. Pages of these `origins` may nevertheless read the WebSocket with corrected rates.
     """
 
     def __init__(self, app: ASGIApp, settings: Callable[[], Dashboard]) -> None:
@@ -91,7 +91,7 @@ class Guard:
 def dress(path: str, headers: MutableHeaders) -> None:
     """Add the security headers and Cache-Control to a response's headers, in place.
 
-    Only files of /static/ may be cached.
+    path: path of the request. Only files of /static/ may be cached.
     """
     for name, value in HEADERS.items():
         headers.setdefault(name, value)

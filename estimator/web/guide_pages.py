@@ -35,7 +35,7 @@ async def queue(request: Request) -> Response:
 
 
 async def calibrate(request: Request) -> Response:
-    """Serve the guide page of one device, with its content before the live stream starts.
+    """Serve the guide page of one device with its present content; the live stream then updates it.
 
     Raises Fault for an unknown device.
     """

@@ -25,7 +25,7 @@ class GuideTopic(topics.Topic):
         self._told_at = 0.0
 
     def whole(self, now: float, now_ns: int) -> Iterable[Frame]:  # noqa: ARG002 - of a topic
-        """Yield the present instruction as a text frame; nothing for an unknown device.
+        """Yield the present content of the guide page as a text frame; nothing for an unknown device.
 
         now: monotonic time, s. now_ns: ns since the Unix epoch.
         """
@@ -39,7 +39,7 @@ class GuideTopic(topics.Topic):
         yield topics.text(self._topic, guide_view(self._guide.told(), self._known, self._device, now))
 
     def frames(self, now: float, now_ns: int) -> Iterable[Frame]:
-        """Yield the instruction as a text frame if it changed, or if a second has passed since the last frame.
+        """Yield the content as a text frame if it changed, or if a second has passed since the last frame.
 
         now: monotonic time, s. now_ns: ns since the Unix epoch.
         """

@@ -24,9 +24,10 @@ _REST_S = Hand().rest_s
 
 @dataclass(frozen=True, slots=True)
 class Turn:
-    """Turn about an axis, or side to rest on: axis, picture, instruction, and whether it is done.
+    """Item in the guide page's list of tasks: a turn about an axis, or a side of the device to rest it on.
 
-    `mark` is done, now or next; `state` is its name in the reader's language.
+    picture: name of the drawing. mark: done, now (in progress) or next. how: instruction, or empty. state: `mark` in
+    the reader's language.
     """
 
     axis: str
@@ -38,7 +39,11 @@ class Turn:
 
 @dataclass(frozen=True, slots=True)
 class Said:
-    """Texts of the guide page in one language; an empty text is not shown."""
+    """Texts of the guide page in one language; an empty text is not shown.
+
+    head, how: what to do, and how. wrong: why the last attempt does not count. compared: comparison with the previous
+    calibration. troubles: faults of the ward.
+    """
 
     head: str
     how: str
@@ -52,9 +57,9 @@ class Said:
 
 @dataclass(frozen=True, slots=True)
 class Axis:
-    """Row of the result table as text, with 95 % intervals.
+    """Row of the result table for one axis, as texts with 95 % intervals.
 
-    Axis, scale factor, scale factor of the calibration before (or empty), and bias in °/s.
+    scale: scale factor. before: scale factor of the previous accepted calibration, or empty. bias: bias, °/s.
     """
 
     axis: str
@@ -67,9 +72,11 @@ class Axis:
 class GuideView:
     """Content of a device's guide page, with its texts in each language.
 
-    percent: fill of the progress ring, 0 to 100. centre: the text inside the ring.
-    way: direction of the turn about the axis: 1, -1, or 0 for either. calibration: id of the result, or empty.
-    following: id of the next device to calibrate, once this one is finished.
+    tone: colour class. percent: fill of the progress ring, 0 to 100. centre: the text inside the ring.
+    way: sign of the angle of the present turn about its axis, 1 or -1; 0 if no turn is in progress.
+    calibration: id of the resulting calibration, or empty. following: id of the next device to calibrate, once this one
+    is finished.
+    say: texts by language.
     """
 
     device: str
@@ -88,9 +95,9 @@ class GuideView:
 
 
 def guide_view(told: Instruction, known: Known, device: str, now: float) -> GuideView:
-    """Build the present content of the guide page of a known device, from the guide's instruction.
+    """Build the present content of the guide page of a device, from the guide's instruction.
 
-    told: the instruction. now: monotonic time, s.
+    told: the instruction. known: collected messages of the ward, which include the device. now: monotonic time, s.
     """
     story = known.stories[device]
     status = story.status
@@ -130,7 +137,8 @@ def _following(known: Known, device: str, now: float) -> str:
 def unless_broken(told: Instruction, known: Known, device: str, now: float) -> Instruction:
     """Return the instruction `told`, or one with step BROKEN if a fault of the ward stops the device's samples.
 
-    now: monotonic time, s.
+    Such a fault is a missing router, estimator or bridge. known: collected messages of the ward. now: monotonic time,
+    s.
     """
     if not known.broken(device, now):
         return told
@@ -138,9 +146,9 @@ def unless_broken(told: Instruction, known: Known, device: str, now: float) -> I
 
 
 def rows(calibration: Calibration, before: Calibration | None) -> list[Axis]:
-    """Return the result table of a calibration, a row for each axis, with the scale factors of the calibration before.
+    """Return the result table of a calibration: for each axis scale factor, previous scale factor, and bias.
 
-    before: None if there is none.
+    before: previous accepted calibration of the device; None if there is none.
     """
     return [
         Axis(
@@ -156,7 +164,8 @@ def rows(calibration: Calibration, before: Calibration | None) -> list[Axis]:
 def against(calibration: Calibration, before: Calibration | None, t: Texts) -> str:
     """Return a sentence that compares two calibrations of a device, naming the axes whose scale factors differ.
 
-    before: the previous calibration; None if there is none, which the sentence then states.
+    Scale factors differ if they are over 3 standard deviations of the difference apart. before: previous accepted
+    calibration; None if there is none, which the sentence then states.
     """
     if before is None:
         return t("guide.first")

@@ -38,11 +38,11 @@ _NOTHING = Lost(0.0, 0.0, 0.0, 0.0)
 
 
 class Heading:
-    """Heading error of one device's raw rates against its corrected rates, since `restart`.
+    """Heading error of one device's raw rates against its corrected rates, since the last restart.
 
     Both rates are integrated to attitudes. The heading error is the angle between them about the vertical, which the
     accelerometer gives at the start. Without an accelerometer it is the whole angle between the two attitudes.
-    points: errors, one a second. since_s: host time of the start, s since the Unix epoch; 0 before it.
+    points: errors, one a second. since_s: host time of the start, s since the Unix epoch; 0 before the first sample.
     """
 
     def __init__(self) -> None:
@@ -64,7 +64,7 @@ class Heading:
 
     @property
     def turned(self) -> float:
-        """Angle that the device has turned since the start, by corrected rates, rad."""
+        """Angle between the present attitude and that at the start, by corrected rates, 0 to π rad."""
         return float(np.linalg.norm(rotation.log(self._attitudes[0])))
 
     @property
@@ -73,19 +73,20 @@ class Heading:
         return self.points[-1] if self.points else _NOTHING
 
     def restart(self, at_s: float) -> None:
-        """Restart at host time `at_s`, s since the Unix epoch, such as the start of a rest.
+        """Delete all points, and start again at host time `at_s`, s since the Unix epoch, such as the start of a rest.
 
-        A repeat changes nothing.
+        A second call with the same time changes nothing.
         """
         if at_s != self._asked_s:
             self._asked_s = at_s
             self._anew()
 
     def add(self, pair: Pair) -> None:
-        """Integrate the rates of new samples, and add a point each second; an uncorrected sample or a gap restarts.
+        """Integrate the rates of new samples, and add a point each second.
 
-        A new subscriber receives the samples of the last seconds at once. Of these, samples before the time of
-        `restart` are not integrated.
+        An uncorrected sample, a new boot, or a gap of 0.5 s restarts the integration and deletes all points.
+        Samples from up to KEPT_S seconds before the time of `restart` are not integrated. They are older samples, which
+        a new subscriber receives at once.
         """
         if not np.isfinite(pair.corrected).all() or pair.boot != self._boot:
             self._boot = pair.boot

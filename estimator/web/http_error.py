@@ -7,11 +7,10 @@ from estimator.language.texts import LANGUAGES, Texts, texts
 
 
 class Fault(Exception):
-    """Error sent to the client: `code` for programs, `message` for people.
+    """HTTP error sent to the client: `status`, `code` for programs, and a text for people.
 
-    Without a message, the text is looked up in the pages' texts, under [fault] and the code, and `values` are filled
-    in.
-    reason: the estimator's reply, if it refused.
+    The text is the estimator's reply `reason`, if there is one; else `message`. Without both it is the entry `code` in
+    section [fault] of the pages' texts, filled with `values`.
     """
 
     def __init__(
@@ -34,7 +33,7 @@ class Fault(Exception):
         return self.text(texts(LANGUAGES[0]))
 
     def text(self, t: Texts) -> str:
-        """Return the text of the error in the language of `t`; a message given for programs is always English."""
+        """Return the text of the error in the language of `t`; a `message` given on creation is always English."""
         if self.reason:
             return t.text(self.reason)
         return self._message or t(f"fault.{self.code}", **self._values)

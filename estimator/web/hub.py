@@ -69,7 +69,7 @@ class Hub:
         self.newcomers: dict[str, set[Viewer]] = {}
 
     def full(self, address: str) -> str:
-        """Return why no further viewer is accepted from an address, as text; empty if there is room."""
+        """Return the reason why no further viewer is accepted from this client address; empty if there is room."""
         if len(self.viewers) >= VIEWERS:
             return f"{VIEWERS} pages are open already; this page tries again"
         if sum(viewer.address == address for viewer in self.viewers) >= OF_ONE_ADDRESS:
@@ -91,7 +91,7 @@ class Hub:
     def watch(self, viewer: Viewer, topics: Collection[str]) -> None:
         """Set the topics that a viewer watches, in place of its earlier ones.
 
-        New topics get their whole content first.
+        A viewer that is new to a topic is listed in `newcomers`, until `greet` queues the topic's whole content for it.
         """
         for topic in viewer.topics - set(topics):
             viewer.forget(topic)
@@ -112,7 +112,7 @@ class Hub:
         return found
 
     def greet(self, topic: str, frames: Iterable[Frame]) -> None:
-        """Queue the frames of a topic's whole content for its new viewers, who then count as ordinary viewers."""
+        """Queue a topic's whole content for the viewers that are new to the topic, and remove them from `newcomers`."""
         newcomers = self.newcomers.pop(topic, None)
         if newcomers:
             for frame in frames:

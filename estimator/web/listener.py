@@ -155,9 +155,9 @@ class Listener(uvicorn.Server):
         self._certified = stamp_of(Path(certificate))
 
     def renew(self) -> None:
-        """Reload the certificate's file for new connections if it has changed, as after a renewal.
+        """Load the TLS certificate and key again for new connections, if the certificate's file has changed.
 
-        A faulty file is logged, and the old certificate stays in use.
+        If the new files are faulty, an error is logged, and the old certificate stays in use.
         """
         file, key, context = self.config.ssl_certfile, self.config.ssl_keyfile, self.config.ssl
         if context is None or not file or (stamp := stamp_of(Path(file))) == self._certified:
@@ -173,7 +173,7 @@ class Listener(uvicorn.Server):
 
     @contextlib.contextmanager
     def capture_signals(self) -> Iterator[None]:
-        """Context manager that replaces uvicorn's and leaves the signal handlers unchanged."""
+        """Context manager without effect; it overrides uvicorn's, which would replace the signal handlers."""
         yield
 
 
@@ -182,5 +182,5 @@ def _is_news(record: logging.LogRecord) -> bool:
 
 
 def room() -> int:
-    """Return how many connections the limit of open files allows, at least 1; raises that limit if possible."""
+    """Return how many connections the limit of open files allows, at least 1; increases that limit if possible."""
     return max(1, make_room(CONNECTIONS + _OTHER_FILES) - _OTHER_FILES)

@@ -13,10 +13,10 @@ REMEMBERED = 4096
 
 
 class Attempts:
-    """Counter of wrong passwords by address and by name.
+    """Counter of wrong passwords: by client address, by person's name, and by both together.
 
-    A right password clears only its own name at its own address. So a person with a password cannot guess other
-    people's passwords without limit.
+    Each count falls by one every FORGET_S seconds. A right password clears only the count of its own name at its own
+    address. So a person with a password cannot guess other people's passwords without limit.
     """
 
     def __init__(self) -> None:
@@ -35,9 +35,9 @@ class Attempts:
         self._names.add((name,), now)
 
     def succeeded(self, address: str, name: str) -> None:
-        """Record a right password, which clears the wrong ones of this name at this address.
+        """Record a right password, and clear the count of wrong passwords for this name at this address.
 
-        This name at this address is then exempt from the limit of the name.
+        From then on, wrong passwords for this name at other addresses do not delay this name at this address.
         """
         self._both.clear((address, name))
         self._right[address, name] = None

@@ -73,7 +73,7 @@ def ago(then_ns: int, now_ns: int, t: Texts) -> str:
 
 
 def lasting(seconds: float, t: Texts) -> str:
-    """Format a duration in s as text, by its largest unit: `2 h`."""
+    """Format a duration in s as text, by the largest unit (s, min, h, d) of which it has at least two: `2 h`."""
     n, _, unit = age(seconds).partition(" ")
     return t(f"words.{unit}", n=n)
 

@@ -87,9 +87,9 @@ async def login(request: Request) -> Response:
 
 
 def begin(request: Request, response: Response, name: str, role: str, *, elsewhere: bool = False) -> None:
-    """Start a person's session, and end the browser's earlier session.
+    """Start a person's session, set its cookie in `response`, and end the browser's earlier session.
 
-    elsewhere: whether an OpenID Connect provider authenticated the person.
+    role: which actions are allowed. elsewhere: whether an OpenID Connect provider authenticated the person.
     """
     desk = Desk.of(request)
     instead = cookie.found(request)

@@ -40,9 +40,9 @@ async def ward(request: Request) -> Response:
 
 
 async def certificate(request: Request) -> Response:
-    """Serve the certificate of one calibration, accepted or rejected; with ?label=1 its label for printing.
+    """Serve the certificate of one calibration, accepted or rejected; with ?label=1 a printable label for the device.
 
-    Raises Fault for an unknown calibration.
+    Raises Fault for an unknown device or calibration.
     """
     desk, name, number = Desk.of(request), request.path_params["device"], request.path_params["calibration"]
     known = {calibration.id: calibration for calibration in await desk.past(request, name)}
@@ -60,7 +60,7 @@ async def certificate(request: Request) -> Response:
 
 
 async def label(request: Request) -> Response:
-    """Serve the printable label of a device, with its QR code. Raises Fault for an unknown device."""
+    """Serve the printable label of a device, with a QR code that opens its page. Raises Fault for an unknown device."""
     name = request.path_params["device"]
     Desk.of(request).story(name)
     return _report(request, "label.html", None, device=name, code=_code_of_device(request), label=True)

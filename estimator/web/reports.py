@@ -131,8 +131,8 @@ def _line(row: DeviceRow, story: Story, t: Texts) -> dict[str, Any]:
 def past(story: Story, device: str) -> History:
     """Return a device's bias history for a chart, one part for each boot, with its calibrations and boots.
 
-    A point is left out if its largest standard deviation exceeds 20 times that of the best point. Such points would
-    hide the present bias in the chart.
+    A point is left out if its largest standard deviation exceeds 20 times that of the most certain point. Such points
+    would hide the present bias in the chart.
     """
     times_ns, points = story.trail.times_ns, story.trail.points
     if (stored := story.biases) is not None and len(times_ns):

@@ -155,9 +155,9 @@ def _settings(ward: Ward, people: WardFile[Ward] | None) -> Dashboard:
 
 
 def routers_of(ward: Ward) -> Routers:
-    """Return the routers, and the dashboard's role there: commander, or viewer if no person may give commands.
+    """Return the ward's routers, with the dashboard's role there: commander, or viewer if no person may give commands.
 
-    For a viewer, a warning names the messages that its certificate does not permit.
+    Logs a warning if the dashboard has a viewer's certificate, which does not permit raw readings.
     """
     if ward.dashboard.commanded:
         return ward.bus.routers_as(Role.COMMANDER)

@@ -36,7 +36,7 @@ class Session:
     draft: str = ""
 
     def take_draft(self) -> str:
-        """Return the text of a refused note for the form, and clear it."""
+        """Return the text of a note that was refused, to show it in the form again, and clear it."""
         draft, self.draft = self.draft, ""
         return draft
 

@@ -21,7 +21,7 @@ PATIENCE_S = 1.0
 
 
 class SharedWork(Generic[T]):
-    """Computes answers one at a time on its own thread; equal requests share an answer for `keep_s` seconds."""
+    """Computes answers one at a time on its own thread; requests with equal keys share an answer for `keep_s` s."""
 
     def __init__(self, keep_s: float) -> None:
         self._keep_s = keep_s
@@ -34,7 +34,9 @@ class SharedWork(Generic[T]):
     async def get(self, request: Request, key: str, make: Callable[[], T]) -> T:
         """Return the answer for a key: a kept one, or the result of make(), which runs on a thread.
 
-        Raises Fault if too many other answers are awaited, or if the client has disconnected.
+        key: equal for requests with equal answers. request: the computation is skipped if all clients with this key
+        have disconnected.
+        Raises Fault if too many answers for other keys are awaited, or if the client has disconnected.
         """
         made_s, answer = self._made.get(key, (float("-inf"), None))
         if answer is not None and time.monotonic() - made_s < self._keep_s:

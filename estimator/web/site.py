@@ -59,7 +59,11 @@ VERBS = ("recalibrate", "cancel", "note", "place")
 
 
 class Desk:
-    """Shared services of a dashboard, used by all requests: ward state, sessions, passwords, commands and store."""
+    """Shared services of a dashboard, used by all requests: ward state, sessions, passwords, commands and store.
+
+    known: collected messages of the ward. store: file of the estimator's store. treatment: settings of each device.
+    people: file that lists the people.
+    """
 
     def __init__(
         self,
@@ -88,7 +92,10 @@ class Desk:
         self._store = store
 
     def use(self, settings: Dashboard, treatment: Treatment) -> None:
-        """Apply changed settings; end the sessions of people who were removed, or whose password changed."""
+        """Apply changed settings; end the sessions of people who were removed, or whose role or password changed.
+
+        treatment: settings of each device.
+        """
         stay = {person.name for person in settings.people if person in self.settings.people}
         self.sessions.use(settings.session_hours * 3600, settings.idle_minutes * 60, stay)
         self.settings, self.treatment, self._passwords = settings, treatment, Passwords(settings.people)
@@ -168,7 +175,7 @@ class Desk:
         return story
 
     def guide(self, device: str) -> Guide:
-        """Build the guide of a device's calibration, with the settings of the device."""
+        """Create a new guide for the calibration of a device by hand, with the settings of the device."""
         story = self.known.stories.get(device)
         knobs = self.treatment.of(device, story.info.model if story and story.info else "")
         return Guide(knobs.method, knobs.prior.noise_std, horizontal=knobs.horizontal_turns)
@@ -176,9 +183,10 @@ class Desk:
     async def ask(self, device: str, verb: str, who: str, words: str | Placement = "") -> CommandReply:
         """Send a command to the estimator and return its reply.
 
-        device: device id, or for `acknowledge` also an estimator's id. verb: the command. who: the person. words: text
-        of the command; for `place` the placement.
-        Raises Fault for an invalid text, or if no estimator answers.
+        device: device id, or for `acknowledge` also an estimator's id. verb: `recalibrate`, `cancel`, `note`, `place`
+        or `acknowledge`. who: name of the person.
+        words: text of the command; for `place` the placement.
+        Raises Fault for an unknown device or an invalid text, or if no estimator answers.
         """
         if verb != "acknowledge" or device not in self.known.alive["estimator"]:
             self.story(device)
@@ -231,7 +239,7 @@ def _read(path: Path, device: str, boot: str) -> History:
 
 
 def placed(segment: str, side: str, wearer: str) -> Placement:
-    """Build the Placement from the fields of a form or body; if all are empty, it ends the placement.
+    """Build a Placement from the fields of a form or request body; if all are empty, nobody wears the device.
 
     Raises Fault for an invalid one.
     """

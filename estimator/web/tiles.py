@@ -1,4 +1,4 @@
-"""Content of the ward page as plain values: head count, faults of the ward, and one tile per device. Pure."""
+"""Content of the ward page as plain values: numbers of devices, faults of the ward, and one tile per device. Pure."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -35,11 +35,13 @@ _ORDERS = frozenset({Code.HOLD_STILL, Code.TURN_NOW, Code.RESTARTED})
 
 @dataclass(frozen=True, slots=True)
 class Tile:
-    """Tile of one device: texts in one language. Numbers are only for sorting; None sorts last.
+    """Tile of one device: texts in one language, and at the end three numbers for sorting, of which None sorts last.
 
-    state: name for programs. word: name for people. advice: one plain sentence that says what to do.
+    state: name for programs. word: name for people. tone: colour class. advice: one plain sentence that says what to
+    do.
+    number: index of the device in the binary frames that cover all devices.
     bias_std: standard deviation of the bias on the least known axis, rad/s. calibrated_ns: ns since the Unix epoch.
-    number: index of the device in frames that cover all devices.
+    battery_percent: charge, 0 to 100.
     """
 
     id: str
@@ -71,9 +73,10 @@ class Tile:
 
 @dataclass(frozen=True, slots=True)
 class AlertLine:
-    """Standing alert as text.
+    """Standing alert (raised and not yet cleared) as text.
 
-    subject: device or estimator. seen: the person who acknowledged it, or empty.
+    subject: id of the device or estimator. since: time since the start of the fault. seen: who acknowledged the alert,
+    or empty.
     """
 
     subject: str
@@ -87,9 +90,9 @@ class AlertLine:
 class WardPage:
     """Content of the ward page.
 
-    alarm: whether an alert waits to be acknowledged outside quiet hours. troubles: faults of the ward itself.
-    queue: ids of devices that wait for turns by hand. of: number of devices. counts: state, tone, number and name for
-    each state.
+    alarm: whether an alert is not yet acknowledged, outside quiet hours. troubles: faults of the ward itself.
+    queue: ids of devices that wait for turns by hand. of: number of devices.
+    counts: for each state its name, colour class, number of devices, and name for people.
     """
 
     count: str
@@ -204,7 +207,7 @@ def worn(placement: Placement | None, t: Texts) -> str:
 
 
 def toned(row: DeviceRow) -> str:
-    """Return the colour class of a device (bad, ask, busy or well).
+    """Return the colour class of a device: bad, ask (needs a person), busy or well.
 
     A device that needs a person is never busy or well.
     """
@@ -248,6 +251,6 @@ def _stale(row: DeviceRow, story: Story, now: float, t: Texts) -> str:
 
 
 def rebooted(story: Story) -> bool:
-    """Return whether a device rebooted while the dashboard listened, and has not been calibrated since."""
+    """Return whether a device's present boot is not its first known one, and has no calibration yet."""
     calibrated = story.status is not None and story.status.calibrated_time_ns
     return len(story.boots) > 1 and story.boot in story.boots and not calibrated

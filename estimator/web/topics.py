@@ -75,11 +75,14 @@ def device_of(topic: str) -> str:
 
 
 def text(topic: str, content: Any) -> str:
-    """Encode a text frame: JSON with the topic's name and its content."""
+    """Encode a text frame: JSON with the topic's name under `topic` and the content under `is`."""
     return msgspec.json.encode({"topic": topic, "is": content}).decode()
 
 
 def binary(topic: str, content: bytes) -> bytes:
-    """Encode a binary frame: the topic's name, padded to a multiple of eight bytes, then `content`."""
+    """Encode a binary frame: length of the topic's name as one byte, the name, zeros, then `content`.
+
+    The zeros fill up to a multiple of eight bytes.
+    """
     head = bytes([len(topic)]) + topic.encode()
     return head + bytes(-len(head) % 8) + content

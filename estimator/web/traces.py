@@ -24,8 +24,8 @@ class Pair:
 
     device_s, time_s (n,): device time, and host time since the Unix epoch, s. raw, corrected, std (n, 3): readings,
     corrected rates and their standard deviations, rad/s.
-    bias, bias_std (3,): reading at zero rate and its standard deviation, rad/s. accel (3,): mean acceleration, m/s²;
-    None without an accelerometer.
+    bias, bias_std (3,): reading at zero rate and its standard deviation, rad/s. accel (3,): mean accelerometer reading,
+    m/s²; None without an accelerometer.
     """
 
     boot: int
@@ -40,7 +40,7 @@ class Pair:
 
 
 class Traces:
-    """Pairs raw with corrected batches of one device by sample number, and thins the pairs to points for a chart."""
+    """Matches raw with corrected batches of one device by sample number, and thins the pairs to points for a chart."""
 
     def __init__(self) -> None:
         self._raw: deque[tuple[float, SampleBatch]] = deque(maxlen=_WAITING)
@@ -49,10 +49,10 @@ class Traces:
         self._kept: deque[Floats] = deque(maxlen=_WAITING)
 
     def take(self, now: float, raw: list[SampleBatch], corrected: list[CorrectedBatch]) -> list[Pair]:
-        """Pair the batches received by monotonic time `now`, s; returns the pairs in order of the readings.
+        """Pair raw with corrected rates by sample number; returns the pairs in order of the readings.
 
-        A raw batch may match several corrected batches. A raw batch without a match after ALONE_S seconds is returned
-        with corrected rates NaN.
+        raw, corrected: batches received since the last call. now: monotonic time, s. A raw batch may match several
+        corrected batches. Samples that have no corrected rates after ALONE_S seconds get NaN instead.
         """
         self._raw += [(now, batch) for batch in raw]
         self._corrected += corrected
@@ -71,10 +71,12 @@ class Traces:
         return found
 
     def points(self, pairs: list[Pair]) -> Floats | None:
-        """Thin new pairs to at most about POINTS_HZ points a second, and keep them; None if there are no pairs.
+        """Thin new pairs to about POINTS_HZ points a second, and keep the points; None if there are none.
 
         Returns (n, 10): host time, s since the Unix epoch; then x, y, z of raw rate, corrected rate and its standard
-        deviation, rad/s, NaN where missing. Pairs that come late in device time are left out.
+        deviation, rad/s, NaN where missing.
+        Of denser samples the minimum and maximum of each short stretch are kept. A pair that is 0 to KEPT_S seconds
+        behind an earlier pair by device time is left out.
         """
         rows = [np.column_stack([one.time_s, one.raw, one.corrected, one.std]) for one in pairs if not self._late(one)]
         if not rows:

@@ -51,7 +51,7 @@ _CAUSES = {
 
 @dataclass(frozen=True, slots=True)
 class Boot:
-    """Boot of a device, received live or read from the store.
+    """Boot (start) of a device, received live or read from the store.
 
     boot: its id. time_ns: host time of its first message, ns since the Unix epoch. cause: a label, empty if unknown.
     what: model and firmware.
@@ -67,7 +67,8 @@ class Boot:
 class Story:
     """Collected messages of one device: status, info, bias trail, calibrations, boots and notes.
 
-    Calibrations and boots are by id, oldest first. number: index of the device in frames that cover all devices.
+    Calibrations and boots are by id, oldest first. number: index of the device in the binary frames that cover all
+    devices.
     """
 
     number: int
@@ -92,7 +93,10 @@ class Story:
         return self.status.boot if self.status else self.info.boot if self.info else 0
 
     def take_calibrations(self, calibrations: Iterable[Calibration]) -> None:
-        """Add calibrations, accepted or rejected; known and too old ones change nothing."""
+        """Add calibrations, accepted or rejected; the CALIBRATIONS latest and the one in use are kept.
+
+        Each new one is also marked in the trail.
+        """
         all_of_them = {one.id: one for one in (*calibrations, *self.calibrations.values())}
         found = sorted(all_of_them.values(), key=lambda one: one.time_ns)
         in_use = self.status.calibration if self.status is not None else ""
@@ -110,11 +114,14 @@ class Story:
             self.trail.mark(Mark(note.time_ns, "note", f"{note.who}: {note.text}"))
 
     def hears(self, bridge: str) -> bool:
-        """Return whether infos from this bridge count: the estimator uses its samples, or no bridge's samples yet."""
+        """Return whether samples and infos from this bridge count.
+
+        They do if the estimator uses this bridge's samples of the device, or no bridge's samples yet.
+        """
         return self.status is None or not self.status.boot or self.status.bridge in {"", bridge}
 
     def take_boot(self, boot: Boot) -> None:
-        """Add a boot; for a known boot the earlier time is kept."""
+        """Add a boot; if it is known already, the earlier of the two times is kept. The BOOTS latest are kept."""
         known = self.boots.get(boot.boot)
         if known is None or boot.time_ns < known.time_ns:
             self.boots[boot.boot] = boot
@@ -147,7 +154,7 @@ class Known:
     def story(self, device: str, *, status: bool = False) -> Story | None:
         """Return the collected messages of a device, created if new; None if there is no room.
 
-        status: whether a status of the device has arrived; then it may replace a device without a status.
+        status: whether a status of the device has arrived. Then a device without a status is forgotten to make room.
         """
         if device not in self.stories:
             if len(self.stories) >= DEVICES:
@@ -160,10 +167,12 @@ class Known:
         return self.stories[device]
 
     def tidy(self, now: float) -> None:
-        """Forget ended devices, devices without a status that no live bridge lists, and silent uncalibrated devices.
+        """Forget devices that have ended, that no live bridge lists, or that are silent without a calibration.
 
-        now: monotonic time, s. The second and third kind are forgotten after FORGET_S seconds. A device counts as
-        silent only while another device sends statuses.
+        now: monotonic time, s.
+        Ended: the recording is over or the device was removed, and no status has arrived for SILENT_S seconds.
+        Not listed: no status has ever arrived, and no live bridge has listed the device for FORGET_S seconds.
+        Silent: no status has arrived for FORGET_S seconds, while another device sends statuses.
         """
         over, spoken = {*self._view.ended(now), *self._unlisted(now)}, self._view.silences(now)
         if spoken and min(spoken.values()) <= SILENT_S:
@@ -210,7 +219,7 @@ class Known:
             del there[next((name for name, alive in there.items() if not alive), next(iter(there)))]
 
     def take_status(self, status: Status, now: float) -> None:
-        """Keep a device's status as its latest. now: monotonic time of its receipt, s."""
+        """Keep a device's status as its latest, and add it to the trail. now: monotonic time of its receipt, s."""
         if (story := self.story(status.device, status=True)) is not None:
             again, story.status = story.status is not None, status
             if again and status.state not in AWAY:  # the first status may come from the bus's cache
@@ -220,7 +229,7 @@ class Known:
             self._news += 1
 
     def take_info(self, info: DeviceInfo) -> None:
-        """Process a bridge's info about a device.
+        """Keep a bridge's info about a device, and record the boot that it names.
 
         If several bridges list the device, only the info from the bridge whose samples the estimator uses counts.
         """
@@ -239,17 +248,18 @@ class Known:
         self._news += 1
 
     def take_owned(self, owned: Owned, now: float) -> None:
-        """Process an estimator's ownership message, received at monotonic time `now`, s: keep the estimator's alerts.
+        """Keep an estimator's alerts from its list of owned devices, received at monotonic time `now`, s.
 
-        Only the first part of a message in several parts contains the alerts.
+        A list may come in several messages. Only part 0 contains the alerts; other parts change nothing.
         """
         if not owned.part and (owned.estimator in self._estimators or len(self._estimators) < _NAMED):
             self._estimators[owned.estimator] = owned.alerts, now
 
     def alerts(self, now: float) -> list[tuple[str, Placement | None, Alert]]:
-        """Return (subject, placement or None, alert) for each standing alert of a device or an estimator.
+        """Return (subject, placement or None, alert) for each standing alert (raised and not yet cleared).
 
-        Alerts not acknowledged come first, and within each group the oldest. now: monotonic time, s.
+        subject: id of the device or estimator. Alerts not acknowledged come first, and within each group the oldest.
+        now: monotonic time, s.
         """
         statuses = [story.status for story in self.stories.values() if story.status is not None]
         found = [(one.device, one.placement, alert) for one in statuses for alert in one.alerts]
@@ -268,7 +278,7 @@ class Known:
             story.take_note(note)
 
     def take_revision(self, revision: BiasRevision) -> None:
-        """Replace the past bias of a device by the values of a published revision."""
+        """Replace past biases in the trail of a device by the estimator's revised values."""
         if (story := self.story(revision.device)) is not None:
             story.trail.revise(revision)
 
@@ -305,7 +315,7 @@ class Known:
         return replace(row, state=UNKNOWN, needs_person=True, reason=(Code.ROUTER_GONE(), *last))
 
     def deaf(self, device: str) -> bool:
-        """Return whether no samples of a device can arrive: the router, every estimator, or its bridge is gone."""
+        """Return whether a missing router, estimator or bridge keeps all samples of a device from arriving."""
         info = self.stories[device].info
         estimators, bridges = self.alive["estimator"].copy(), self.alive["bridge"].copy()
         none = (self.looked or bool(estimators)) and not any(estimators.values())
@@ -331,7 +341,10 @@ class Known:
         return (*seen.troubles, *seen.law.values(), *more)
 
     def glance(self) -> WardSummary:
-        """Return the summary of the ward: devices, needs, samples and faults; cached until a message changes it."""
+        """Return the ward's WardSummary: devices, which of them need a person, samples, and faults.
+
+        It is cached until a status or info arrives, or a bridge or estimator comes or goes.
+        """
         alive = {kind: [name for name, there in found.copy().items() if there] for kind, found in self.alive.items()}
         if self._glanced is not None and self._glanced[:2] == (self._news, alive):
             return self._glanced[2]  # twenty guides ask for it ten times a second

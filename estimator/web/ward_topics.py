@@ -35,7 +35,7 @@ class WardTopic(topics.Topic):
 
 
 class RatesTopic(topics.Topic):
-    """Topic with the magnitude of each device's rate, °/s: minimum and maximum since the last frame."""
+    """Topic with the magnitude of each device's corrected rate, °/s: minimum and maximum since the last frame."""
 
     period_s = RATES_S
 
@@ -46,8 +46,9 @@ class RatesTopic(topics.Topic):
     def frames(self, now: float, now_ns: int) -> Iterable[Frame]:  # noqa: ARG002 - of a topic
         """Yield one binary frame with the rates since the last frame.
 
-        Layout, little-endian: server time, float64, s since the Unix epoch; then for each device number 0, 1, … a pair
-        of float32: minimum and maximum of the rate's magnitude, °/s, both NaN for a silent device.
+        Layout after the topic's name, little-endian: server time, float64, s since the Unix epoch. Then for each device
+        number 0, 1, … two float32: minimum and maximum of the rate's magnitude, °/s. Both are NaN for a device without
+        new rates.
         now: monotonic time, s. now_ns: host time, ns since the Unix epoch.
         """
         numbers = {name: story.number for name, story in self._known.stories.items()}
@@ -57,9 +58,9 @@ class RatesTopic(topics.Topic):
 
 
 def extremes(batches: Sequence[Rates], numbers: Mapping[str, int]) -> Floats:
-    """Return minimum and maximum (n, 2) of the rate's magnitude, °/s, by device number; NaN for silent devices.
+    """Return minimum and maximum (n, 2) of the rate's magnitude, °/s, by device number; NaN for devices without rates.
 
-    numbers: number of each device; devices without a number are left out.
+    batches: corrected rates, rad/s. numbers: number of each device by id; devices without a number are left out.
     """
     found = np.full((max(numbers.values(), default=-1) + 1, 2), np.nan)
     known = [batch for batch in batches if batch.device in numbers]
@@ -82,8 +83,9 @@ class BiasTopic(topics.Topic):
     def whole(self, now: float, now_ns: int) -> Iterable[Frame]:  # noqa: ARG002 - of a topic
         """Yield one binary frame with the bias of all devices over at most the last 20 minutes.
 
-        Binary frame: float64 span, s; by device number float32 (SPARKS, 6): bias x, y, z and its standard deviations,
-        °/s; NaN where unknown.
+        Layout after the topic's name, little-endian: float64 time span, s; then for each device number float32 (SPARKS,
+        6). Its columns are bias x, y, z and its standard deviations, °/s, NaN where unknown. Its rows are at even
+        intervals over the span, which ends now.
         now: monotonic time, s. now_ns: ns since the Unix epoch.
         """
         trails = [story.trail for story in self._known.stories.values()]

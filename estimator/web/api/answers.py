@@ -34,7 +34,7 @@ class Said(Struct, frozen=True):
 
 
 def said(sentences: Sentences) -> list[Said]:
-    """Convert sentences of the wire (code and parameters) into the API's messages, adding the English text."""
+    """Convert sentences of bus messages (code and parameters) into the API's messages, adding the English text."""
     return msgspec.convert(sentences_as_json(sentences), list[Said])
 
 
@@ -52,12 +52,12 @@ class Worn(Struct, frozen=True):
 
 
 class Accelerometer(Struct, frozen=True):
-    """Calibration of an accelerometer by rests: corrected = scale × (reading − bias), axis by axis.
+    """Calibration of an accelerometer by rests in different poses: corrected = scale × (reading − bias), axis by axis.
 
-    bias_m_s2, scale, covariance: null if not accepted. covariance (6, 6): of bias (m/s²) and scale factors (no unit),
-    in this order.
-    cross_std: relative standard deviation of the sensitivity of an axis to each other axis. poses: number of poses
-    used.
+    bias_m_s2, scale (3): bias, m/s², and scale factors, no unit. covariance (6, 6): of the three biases (m/s²), then of
+    the three scale factors. These three are null if the calibration was not accepted.
+    cross_std: standard deviation of the cross-axis sensitivity, the share of another axis' acceleration in an axis'
+    reading, no unit. poses: number of different poses.
     """
 
     verdict: str
@@ -73,14 +73,15 @@ class Device(Struct, frozen=True):
     """State of one device: bias, calibration, sample counts, battery and hardware; null means unknown.
 
     `bias_rad_s`, `bias_std_rad_s` (3): bias in the sensor frame and its standard deviation, rad/s. `scale` (3): scale
-    factors.
-    `rate_hz` is measured, `told_rate_hz` is the configured output data rate. `evidence_age_s`: seconds since the last
-    rest.
-    `nis`: mean normalised innovation squared of the bias filter, about 1 if it is consistent. `progress`: of the
-    calibration, 0 to 1.
-    `samples_in`, `samples_out`: numbers of samples received and corrected; `dropped`: numbers dropped, by reason;
-    `events`: counts by name.
-    `gaps` and `missing_samples` count from when the estimator first saw the device. `calibrated`: ISO 8601 time.
+    factors, no unit.
+    `calibration`: id of the calibration in use. `calibrated`: when it was made, ISO 8601. `axes_done`: axes (x, y, z)
+    of the accepted turns.
+    `progress`: completed share of the calibration, 0 to 1. `evidence_age_s`: seconds since the last accepted rest.
+    `nis`: mean normalised innovation squared of the bias filter, about 1 if it is consistent.
+    `rate_hz`: measured sample rate. `told_rate_hz`: configured output data rate. `battery_percent`: charge, 0 to 100.
+    `samples_in`, `samples_out`: numbers of samples received and corrected. `dropped`: numbers of samples not corrected,
+    by reason. `events`: numbers of other events, by name.
+    `gaps`, `missing_samples`: numbers of gaps and of samples missing in them, since the estimator first saw the device.
     """
 
     id: str
@@ -118,10 +119,10 @@ class Device(Struct, frozen=True):
 
 
 class Standing(Struct, frozen=True):
-    """Standing alert of a device or an estimator (`subject`); docs/alerts.md lists the kinds.
+    """Standing alert (raised and not yet cleared) about a device or an estimator; docs/alerts.md lists the kinds.
 
-    Times are ISO 8601: `since`: start of the fault; `raised`: when the alert was raised; `acknowledged`: by person
-    `who`, null if not yet.
+    `subject`: id of the device or estimator. Times are ISO 8601. `since`: start of the fault. `raised`: when the alert
+    was raised. `acknowledged`: when the person `who` acknowledged the alert; null before.
     """
 
     subject: str
@@ -134,7 +135,7 @@ class Standing(Struct, frozen=True):
 
 
 class Standings(Struct, frozen=True):
-    """Standing alerts of a ward, those not acknowledged first."""
+    """Standing alerts (raised and not yet cleared) of a ward, those not acknowledged first."""
 
     alerts: list[Standing]
 
@@ -142,7 +143,9 @@ class Standings(Struct, frozen=True):
 class Devices(Struct, frozen=True):
     """List of all devices of a ward; devices that need a person come first.
 
-    `of`: number of devices. `tracking`: number of devices in state tracking. `troubles`: faults of the ward itself.
+    `of`: number of devices. `tracking`: number of devices in state tracking: calibrated, with the bias tracked.
+    `connected`: whether the dashboard is connected to a router.
+    `troubles`: faults of the ward itself, not of single devices.
     """
 
     ward: str
@@ -154,7 +157,10 @@ class Devices(Struct, frozen=True):
 
 
 class Turn(Struct, frozen=True):
-    """Turn by hand about an axis (x, y or z): angle and closure error in degrees, duration in s."""
+    """Turn of a calibration by hand about an axis (x, y or z): angle and closure error in degrees, duration in s.
+
+    closure_error_deg: angle by which the turn misses the attitude at its start.
+    """
 
     axis: str
     angle_deg: float
@@ -163,13 +169,14 @@ class Turn(Struct, frozen=True):
 
 
 class OneCalibration(Struct, frozen=True):
-    """Calibration of a gyro, accepted or rejected: corrected = matrix (reading − bias).
+    """Calibration of a gyro, accepted or rejected: corrected = matrix (reading − bias), in rad/s.
 
     matrix (3, 3), no unit. bias_rad_s, noise_std_rad_s (3): bias, and standard deviation of the white noise of a
     reading, rad/s.
-    `covariance` (n, n) is in the order of `parameters`: rad/s for bias, no unit for the others. Null means that there
-    is no estimate.
-    As a file, `truerate correct --calibration` accepts it.
+    `covariance` (n, n): of the n `parameters`, in their order: biases in rad/s, the others without unit. Null means
+    that there is no estimate.
+    `in_use`: whether the estimator corrects the device with this calibration.
+    This object, saved as a file, is accepted by `truerate correct --calibration`.
     """
 
     device: str
@@ -200,7 +207,7 @@ class OneCalibration(Struct, frozen=True):
 class Calibrations(Struct, frozen=True):
     """Calibrations of one device, accepted or rejected, latest first.
 
-    For older calibrations, pass `next` as `before`; null means there are none.
+    `next`: value of the query parameter `before` that returns the next older calibrations; null if there are none.
     """
 
     device: str
@@ -209,15 +216,18 @@ class Calibrations(Struct, frozen=True):
 
 
 class Words(Struct, frozen=True, forbid_unknown_fields=True):
-    """Body of a command, one line of text: a reason, the text of a note, or the kind of the alert to acknowledge."""
+    """Request body of a command that takes one line of text.
+
+    `words`: a reason, the text of a note, or the kind of the alert to acknowledge.
+    """
 
     words: Annotated[str, Meta(max_length=500)] = ""
 
 
 class Placing(Struct, frozen=True, forbid_unknown_fields=True):
-    """Body of a placement: where and by whom a device is worn from now on.
+    """Request body of the command `place`: where and by whom a device is worn from now on.
 
-    If all fields are empty, nobody wears the device.
+    segment: body segment. wearer: a bed or a pseudonym. If all fields are empty, nobody wears the device.
     """
 
     segment: Literal["", *SEGMENTS] = ""  # type: ignore[valid-type] # the list has one place
@@ -251,7 +261,10 @@ class Error(Struct, frozen=True):
 
 
 def devices(known: Known, now: float) -> Devices:
-    """Build the response with all devices of the ward. now: monotonic time, s."""
+    """Build the response with all devices of the ward. now: monotonic time, s.
+
+    known: collected messages of the ward.
+    """
     rows = known.rows(now)
     return Devices(
         ward=known.ward,
@@ -264,7 +277,10 @@ def devices(known: Known, now: float) -> Devices:
 
 
 def alerts(known: Known, now: float) -> Standings:
-    """Build the response with the ward's standing alerts, those not acknowledged first. now: monotonic time, s."""
+    """Build the response with the ward's standing alerts, those not acknowledged first. now: monotonic time, s.
+
+    A standing alert is raised and not yet cleared. known: collected messages of the ward.
+    """
     return Standings(
         [
             Standing(
@@ -328,7 +344,8 @@ def _worn(one: Placement | None) -> Worn | None:
 def calibrations(name: str, story: Story, found: Sequence[Calibration], limit: int) -> Calibrations:
     """Build one page of a device's calibrations, latest first.
 
-    found: calibrations, oldest first; the page has the last `limit` of them. name: device id.
+    name: device id. story: collected messages of the device. found: its calibrations, oldest first; the page has the
+    last `limit` of them.
     """
     in_use = story.status.calibration if story.status else ""
     page = found[-limit:]

@@ -118,7 +118,7 @@ def _checked(request: Request) -> str:
 
 
 async def standing(request: Request) -> Response:
-    """Serve the ward's standing alerts as JSON."""
+    """Serve the ward's standing alerts (raised and not yet cleared) as JSON."""
     known_parameters(request)
     return answer(answers.alerts(Desk.of(request).known, time.monotonic()))
 

@@ -1,4 +1,4 @@
-"""Cursor of a stream reader in the kept batches: delivers each sample once and in order, reports missed ones. Pure."""
+"""Cursor of a stream reader in a buffer of batches: returns each sample once, in order, and reports missed ones. Pure."""
 
 from collections import deque
 from collections.abc import Iterable, Mapping
@@ -11,7 +11,7 @@ from estimator.samples.mean_rates import MeanRates
 
 
 class Place(NamedTuple):
-    """Position of a reader in a device's samples: the boot id, and the number of the next sample to read."""
+    """Position of a reader in a device's samples: the boot id, and the number in it of the next sample to read."""
 
     boot: int
     next: int
@@ -62,11 +62,11 @@ class _Device:
 
 
 class Cursor:
-    """Cursor of one reader: reads kept batches whole, or reduced to `hz` mean values a second.
+    """Cursor of one reader: reads the batches of a buffer whole, or reduced to `hz` mean values a second.
 
-    after: place of each device from which to resume; other devices begin with all kept samples. None: all begin with
-    the next sample.
-    `places`: for each device, where its next document begins.
+    kept: the buffer. after: position from which to resume, by device; other devices begin with the first sample in the
+    buffer. None: all devices begin with the next sample that arrives.
+    `places`: by device, the position from which a later cursor can resume.
     """
 
     def __init__(self, kept: Kept, after: Mapping[str, Place] | None = None, hz: float | None = None) -> None:
@@ -89,11 +89,14 @@ class Cursor:
 
     @property
     def behind(self) -> bool:
-        """True if there are kept batches that this cursor has not read."""
+        """True if the buffer has batches that this cursor has not read."""
         return self._position < self._kept.end
 
     def read(self, most: int) -> list[CorrectedBatch | Missed]:
-        """Return the next batches and reports of missed samples, from at most `most` kept batches; may be empty."""
+        """Return the next batches and reports of missed samples; may be empty.
+
+        most: largest number of batches to take from the buffer.
+        """
         if self._position < self._kept.begin:
             self._position = self._kept.begin
             for device in self._devices.values():

@@ -13,14 +13,14 @@ from estimator.web.stream.cursor import Missed, Place
 
 
 class Samples(Struct, frozen=True, tag="samples", tag_field="type"):
-    """Consecutive corrected samples of one boot, or one mean of them if `hz` is given.
+    """Consecutive corrected samples of one boot; or their mean, as one sample, if the request has `hz`.
 
-    Sample i has the number `sequence` + i.
+    Sample i of n has the number `sequence` + i in its boot.
     `time_s` (n): host time, s since the Unix epoch. `device_time_s` (n): the device's own clock, s; integrate rates
     with it.
     `rate_rad_s`, `rate_std_rad_s` (n, 3): corrected rates in the sensor frame and their standard deviations, rad/s.
     `bias_rad_s`, `bias_std_rad_s` (3): reading at zero rate and its standard deviation, rad/s.
-    `flags` (n): see docs/wire.md. `after`: parameter that resumes after these samples.
+    `flags` (n): see docs/wire.md. `after`: value of the query parameter `after` that resumes behind these samples.
     """
 
     device: str
@@ -39,7 +39,7 @@ class Samples(Struct, frozen=True, tag="samples", tag_field="type"):
 
 
 class MissedSamples(Struct, frozen=True, tag="missed", tag_field="type"):
-    """Samples that did not arrive: `count` of them from number `first` on.
+    """Samples of a boot that the reader does not get: `count` of them from number `first` on.
 
     If `count` is null, the number is unknown: all samples up to the end of that boot.
     """
@@ -51,9 +51,9 @@ class MissedSamples(Struct, frozen=True, tag="missed", tag_field="type"):
 
 
 class Answer(Struct, frozen=True):
-    """Answer to a request: documents in order, possibly none, and the place to resume from.
+    """Response to a long poll: documents in order, possibly none, and the positions to resume from.
 
-    Pass each text of `after` as a parameter `after` of the next request.
+    `after`: pass each of these texts as a query parameter `after` of the next request.
     """
 
     documents: list[Samples | MissedSamples]
@@ -82,14 +82,17 @@ def document(one: CorrectedBatch | Missed) -> Samples | MissedSamples:
 
 
 def message(one: CorrectedBatch | Missed, *, protobuf: bool) -> str | bytes:
-    """Encode one message of the WebSocket: JSON as text; with `protobuf`, samples as the bytes of a CorrectedBatch."""
+    """Encode one message of the WebSocket: JSON as text; with `protobuf`, samples as the bytes of a CorrectedBatch.
+
+    A report of missed samples is always JSON.
+    """
     if protobuf and isinstance(one, CorrectedBatch):
         return codec.encode_corrected(one)
     return msgspec.json.encode(document(one)).decode()
 
 
 def said(device: str, place: Place) -> str:
-    """Format a place as a parameter `after`: device, boot and number of the last sample read.
+    """Format a position as a query parameter `after`: device, boot and number of the last sample read.
 
     For example chest.0000000000000005.1239. The number is -1 before the first sample of a boot.
     """

@@ -35,9 +35,9 @@ BEGIN_S = 15.0
 
 
 class Feed:
-    """Subscription to corrected rates, of a device or the whole ward, with its last batches and its readers.
+    """Subscription to corrected rates, of a device or the whole ward, with a buffer of batches and its readers.
 
-    most: number of batches kept.
+    most: size of the buffer, batches; the oldest are dropped.
     """
 
     def __init__(self, stream: Corrected, most: int) -> None:
@@ -48,7 +48,7 @@ class Feed:
         self.settled = asyncio.Event()
 
     async def take(self, now: float) -> None:
-        """Keep the received batches and wake the readers. now: monotonic time, s."""
+        """Move the received batches into the buffer, and wake the readers. now: monotonic time, s."""
         caught_up, drain = self.stream.caught_up, self.stream.drain
         # The history of a ward takes a second to decode: a thread does it, while pages and other readers go on.
         batches = drain() if self.settled.is_set() else await asyncio.to_thread(drain)
@@ -72,9 +72,9 @@ class Reader:
         self._cursors: list[Cursor] = []
 
     async def begin(self) -> None:
-        """Wait until cached batches of the publishers have arrived, then place the cursors.
+        """Wait until the older batches that publishers have cached are received, then create the cursors.
 
-        Raises Fault if they do not arrive within BEGIN_S seconds.
+        Raises Fault if they are not received within BEGIN_S seconds.
         """
         try:
             async with asyncio.timeout(BEGIN_S):
@@ -113,7 +113,7 @@ class Reader:
 
     @property
     def places(self) -> dict[str, Place]:
-        """Position of each device, by id, from which its next document will begin."""
+        """Position in the samples of each device, by id, from which a later request can resume."""
         places = dict(self._asked.after or {})
         for cursor in self._cursors:
             places |= cursor.places
@@ -121,7 +121,7 @@ class Reader:
 
 
 class Feeds:
-    """Subscriptions of a dashboard by device id ("" for the whole ward).
+    """Subscriptions of a dashboard by device id ("" for the whole ward), shared by all readers.
 
     Each subscription ends LINGER_S seconds after its last reader.
     """
@@ -135,8 +135,8 @@ class Feeds:
     def reader(self, client: Client | None, asked: Asked, address: str) -> Iterator[Reader]:
         """Context manager with a reader of the requested devices.
 
-        client: makes the subscriptions; None until a router is first connected. address: of the program; the number of
-        readers per address is limited.
+        client: makes the subscriptions; None until a router is first connected. asked: parameters of the request.
+        address: client address of the program; the number of readers per address is limited.
         Raises Fault if there are too many readers, or no router.
         """
         if client is None:

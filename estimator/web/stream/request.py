@@ -27,9 +27,10 @@ FORMATS = ("json", "protobuf")
 class Asked:
     """Checked parameters of a request for the stream.
 
-    devices: ids; empty means all. after: places from which to resume; empty begins with all kept samples, None with the
-    next sample.
-    hz: mean values a second; None for every sample. wait_s: longest wait, s.
+    devices: ids; empty means all. after: positions to resume from, by device. If it is empty, reading begins with the
+    first kept sample; if None, with the next sample that arrives.
+    hz: mean values a second; None for every sample. protobuf: whether samples are sent as protobuf. wait_s: longest
+    wait for samples, s.
     """
 
     devices: tuple[str, ...]

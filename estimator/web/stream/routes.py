@@ -1,4 +1,4 @@
-"""Routes of the stream, at one address: a WebSocket, and a long poll that waits for the next samples."""
+"""Routes of the stream, at one path: a WebSocket, and a long poll that waits for the next samples."""
 
 import asyncio
 import contextlib
