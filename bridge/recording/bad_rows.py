@@ -35,7 +35,7 @@ Place = Callable[[str, int, int], tuple[str, str]]
 def in_arrays(column: str, sample: int, _axis: int) -> tuple[str, str]:
     """Describe where a value is, for an error: the quoted name of its column, and the text ` at sample N`.
 
-    sample: row number, from 0. This function is used as `place` for files that have arrays instead of named columns.
+    sample: row number, from 0. It is the `place` of `drop_bad_rows` for files of arrays.
     """
     return repr(column), f" at sample {sample}"
 
@@ -43,7 +43,8 @@ def in_arrays(column: str, sample: int, _axis: int) -> tuple[str, str]:
 def drop_bad_rows(path: Path, columns: dict[str, Floats], place: Place, notes: list[str]) -> None:
     """Drop rows whose rate is missing or impossible; interpolate gaps in acceleration and temperature.
 
-    columns: in SI units, by name; changed in place. An acceleration or temperature with too few good rows is removed.
+    columns: in SI units, by name; changed in place. An acceleration or temperature is removed if its
+    good rows are less than 2 %, or more than 20 % are beyond its limit.
     If rows are dropped, the column `row` holds the former numbers of the remaining rows.
     place(column, row, axis): returns the name of a value in the file and the text of its position, for errors.
     notes: a sentence is added for each repair.
@@ -128,7 +129,7 @@ def _wrong_values(name: str, column: Floats, place: Place) -> str:
 
 
 def repeated(time: Floats, values: Floats) -> Flags:
-    """Return a mask (n,), True for each row that was written twice.
+    """Return a mask (n,), True for each row that repeats an earlier row; first occurrences stay False.
 
     Rows are compared by time (n,), s or counts, and by all values (n, c).
     A row is marked if it equals the row before it. It is also marked if it belongs to a run of two or more rows that
@@ -138,8 +139,9 @@ def repeated(time: Floats, values: Floats) -> Flags:
 
 
 def repeated_without_time(values: Floats) -> Flags:
-    """Return a mask (n,), True for each row that was written twice, judged by its values (n, c) without times.
+    """Return a mask (n,), True for each row that repeats an earlier row, judged by its values (n, c) without times.
 
+    First occurrences stay False.
     A row is marked if it equals the row before it, or belongs to a run of rows that equals an earlier run.
     Rows may also be equal by chance. The probability of that is estimated from pairs of rows 5 to 13 rows apart.
     If chance explains 5 % or more of the marked rows, only rows equal to the row before stay marked. If chance

@@ -52,7 +52,8 @@ def mend(time: Floats, tick_s: float, notes: list[str]) -> Mended:
     """Repair the sample times (n,) of a recording, s, NaN where a time is missing; find reboots.
 
     Repaired faults: counter wraps, swapped rows, single bad times, coarse clocks, and times of arrival.
-    tick_s: duration of a count of the file's time column, 0 if unknown. notes: a sentence is added for each repair.
+    tick_s: duration of one count of the file's time column, s; 0 if unknown.
+    notes: a sentence is added for each repair.
     Raises ClockFault if the times cannot be repaired.
     """
     order = np.arange(len(time))

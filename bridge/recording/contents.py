@@ -29,8 +29,9 @@ def contents(
     """Yield the decoded messages of a ward's recording files, earliest file first.
 
     wanted: kinds of message to decode, by the first word of their topic; empty for all. tell(done, total): called with
-    the bytes read. refused: counts messages that could not be decoded. trouble: a sentence is added for each fault of a
-    file. Raises RecordingError for a file that is not a recording of a ward.
+    the number of bytes read so far, and of all bytes. refused: counts messages that could not be decoded.
+    trouble: a sentence is added for each fault of a file.
+    Raises RecordingError for a file that is not a recording of a ward.
     """
     for path in paths:
         check_file(path)

@@ -7,7 +7,8 @@ sample without a corrected rate, these are NaN and the quality is -1.
 If orientation was recorded: `quat_wxyz` (n, 4), scalar first, `tilt_std` and `heading_std` (n,), rad, NaN for a sample
 without an orientation.
 
-.csv: the same columns, one per axis; the quality is a number. `events.csv` lists boots, calibrations and notes.
+.csv: the same columns, one per axis; the quality is its number in messages.Quality.
+`events.csv` lists boots, calibrations, notes and placements.
 HDF5 has the arrays of .npz, Parquet the columns of .csv.
 """
 

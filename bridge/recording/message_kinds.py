@@ -31,8 +31,8 @@ class Kind:
     """Kind of recorded message: its schema name, decoder and time.
 
     decode(key, payload): decodes and validates a message, or raises Refusal. own_ns: name of the field with the
-    message's own time, ns since the Unix epoch. repeated: True if every file begins with the latest message of each
-    device, so that each file is readable alone.
+    message's own time, ns since the Unix epoch. repeated: True if every file begins with the latest message of this
+    kind from each device, so that each file is readable alone.
     """
 
     schema: str
@@ -41,7 +41,10 @@ class Kind:
     repeated: bool = False
 
     def time_ns(self, said: Said) -> int:
-        """Return a message's own time, ns since the Unix epoch; for samples, the host time of the first sample."""
+        """Return a message's own time, ns since the Unix epoch; for samples, the host time of the first sample.
+
+        said: the decoded message, of this kind.
+        """
         return int(getattr(said, self.own_ns))
 
 

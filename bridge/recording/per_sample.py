@@ -47,7 +47,7 @@ class PerSample:
     def take(self, said: Said, now_s: float) -> Iterator[Copy]:
         """Process a decoded message; yields the copies of samples that are ready.
 
-        A corrected sample waits for its orientation.
+        said: the message. now_s: time of a steady clock, s. A corrected sample waits up to 0.5 s for its orientation.
         """
         new = self._new(said) if isinstance(said, SampleBatch | CorrectedBatch) else None
         joined = new if isinstance(said, CorrectedBatch) else said
@@ -57,9 +57,9 @@ class PerSample:
             yield from self._copies("raw", [reading_rows(new)])
 
     def due(self, now_s: float = inf) -> Iterator[Copy]:
-        """Yield the copies of corrected samples whose wait for an orientation has ended at now_s.
+        """Yield the copies of corrected samples that have waited 0.5 s for an orientation, without one.
 
-        By default, all waiting samples are yielded.
+        now_s: time of a steady clock, s; by default infinite, which yields all waiting samples.
         """
         return self._copies("corrected", self._join.due(now_s))
 

@@ -76,7 +76,7 @@ def check_rate(path: Path, time_s: Floats, rate_hz: float) -> None:
     """Check that the steps of sample times (n,), s, agree with a stated rate within 20 %.
 
     Either the median step or the mean step must agree: the median is not affected by gaps, the mean not by bursts.
-    Raises RecordingError if neither does.
+    path: the file's name in the error. rate_hz: the stated rate, Hz. Raises RecordingError if neither agrees.
     """
     steps = np.diff(time_s)
     step = float(np.median(steps))
@@ -88,7 +88,7 @@ def check_rate(path: Path, time_s: Floats, rate_hz: float) -> None:
 
 
 def check_gyro(path: Path, gyro: Floats, rate_hz: float) -> None:
-    """Check that readings (n, 3), rad/s, stay within the range of gyros; single spikes are allowed.
+    """Check that readings (n, 3), rad/s, stay within ±70 rad/s, the range of gyros; single spikes are allowed.
 
     path: the file's name in the error. rate_hz: sampling rate. Raises RecordingError if readings exceed the range for
     longer than 0.25 s in total.
@@ -200,7 +200,7 @@ def _longest(flags: NDArray[np.bool_]) -> int:
 
 
 def believed_accel(accel: Floats | None) -> tuple[Floats | None, str]:
-    """Check that the median magnitude of the acceleration (n, 3), m/s², is about that of gravity, 9.8 m/s².
+    """Check that the median magnitude of the acceleration (n, 3), m/s², is 0.6 to 1.7 times gravity, 9.8 m/s².
 
     If so, returns the acceleration and an empty text. If not, returns None and the reason, a sentence for the user.
     Without an acceleration, returns None and an empty text.

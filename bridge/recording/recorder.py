@@ -71,7 +71,8 @@ class WardRecorder:
 
     Call `begin`, then `take` and `tick` repeatedly, then `close`, all from one thread. `account` has the counts.
     wall_ns: UTC, ns since the Unix epoch. now_s: monotonic time, s.
-    copied(path): True if a finished file has its copy in object storage, or needs none.
+    copied(path): True if a finished file has its copy in object storage, or needs none. If False, the log says so when
+    the file is deleted.
     """
 
     def __init__(

@@ -96,7 +96,7 @@ class Recording:
 
     @property
     def ticks(self) -> NDArray[np.uint64]:
-        """Time (n,) of each sample since the first, in ticks of TICK_S seconds."""
+        """Time (n,) of each sample since the first, as a whole number of ticks; a tick is TICK_S seconds."""
         return np.rint(self.time_s / TICK_S).astype(np.uint64)
 
     @property

@@ -47,8 +47,8 @@ def recover(path: Path, out: Path | None = None, tell: Tell = lambda _done, _of:
     """Copy every readable message of an unfinished or damaged recording to a new, complete file; the original is kept.
 
     out: the new file; by default the name without .part, or NAME.recovered.mcap. tell(done, total): called with the
-    bytes read. Raises RecordingError if the file cannot be read, has no readable message, is still being recorded, or
-    is complete.
+    number of bytes read so far, and of all bytes.
+    Raises RecordingError if the file cannot be read, has no readable message, is still being recorded, or is complete.
     """
     check_file(path)
     target = out or _name(path)
@@ -69,7 +69,8 @@ def recover(path: Path, out: Path | None = None, tell: Tell = lambda _done, _of:
 def add_per_sample(path: Path, out: Path, device: str = "", tell: Tell = lambda _done, _of: None) -> Recovered:
     """Copy a ward's recording to `out`, and add each of its samples as one ROS 2 message.
 
-    device: copy only messages about this device; empty for all. tell(done, total): called with the bytes read.
+    device: copy only messages about this device; empty for all. tell(done, total): called with the number of bytes
+    read so far, and of all bytes.
     Raises RecordingError if the recording cannot be read, or `out` exists or cannot be written.
     """
     check_file(path)

@@ -21,9 +21,9 @@ def sample_times(
 ) -> tuple[Floats, list[int]]:
     """Return the time (n,) of each kept row, s, and the index of the first row of each boot.
 
-    columns: arrays by name; changed in place: rows are sorted by time, and repeated rows dropped. tick_s: duration of a
-    count of the time column, 0 if unknown. rate: rate stated by the file or the user, Hz, or None. notes: a sentence is
-    added for each repair.
+    columns: arrays by name; changed in place: rows are sorted by time, and repeated rows dropped. tick_s: duration of
+    one count of the time column, s; 0 if unknown. rate: rate stated by the file or the user, Hz, or None.
+    notes: a sentence is added for each repair.
     Raises RecordingError if the times cannot be repaired or are implausible, or if neither times nor a rate are known.
     """
     if "t_s" not in columns:

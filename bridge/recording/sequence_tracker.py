@@ -9,11 +9,12 @@ ANEW_NS = 1_000_000_000
 
 
 class Continuation(NamedTuple):
-    """Relation of a batch to the batches before it.
+    """How a batch continues the batches received before it: repeated samples, missing samples, time step.
 
-    skip: number of samples at the beginning of the batch that are already known. missing: number of samples lost
+    skip: number of samples at the beginning of the batch that were received before. missing: number of samples lost
     before the first new sample. anew: True if the sequence numbers start over, also at the first batch.
-    step: device clock ticks from the last known sample to the first new one.
+    step: device clock ticks from the last sample received before to the first new one; 0 if `anew`, or if no sample is
+    new.
     """
 
     skip: int
@@ -33,7 +34,7 @@ class SequenceTracker:
     def follow(self, batch: SampleBatch | CorrectedBatch) -> Continuation:
         """Return how a batch continues the batches before it, and store its last sequence number, tick and time.
 
-        A batch whose samples are all known leaves the stored values unchanged.
+        A batch whose samples were all received before leaves the stored values unchanged.
         """
         follows = self._judge(batch)
         if follows.skip < len(batch):

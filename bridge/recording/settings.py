@@ -27,8 +27,9 @@ def seconds(text: str, key: str) -> float:
 
 
 class Recorder(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Settings of a recorder: where recordings are written, and when a new file begins.
+    """Settings of a recorder: folder, devices, when a new file begins, and when old files are deleted.
 
+    A comment at each field states its meaning and unit.
     Raises ValueError for a setting that is out of range or invalid.
     """
 

@@ -96,8 +96,9 @@ class Stretch:
 
 @dataclass(slots=True)
 class Recorded:
-    """Content of recordings: stretches (samples of one boot) by device id, in order of time, calibrations and notes.
+    """Content of recordings: samples, calibrations and notes.
 
+    stretches: by device id, in order of time; each has the samples of one boot.
     trouble: faults of the files, and messages that could not be decoded, as sentences.
     """
 
@@ -143,9 +144,10 @@ class Recorded:
 
 
 def read(paths: Sequence[Path], *, corrected: bool = True, tell: Tell = lambda _done, _of: None) -> Recorded:
-    """Read complete recordings of a ward into arrays.
+    """Read a ward's recordings into arrays: samples, calibrations and notes.
 
-    corrected: True also reads corrected rates and orientation. tell(done, total): called with the bytes read.
+    corrected: True also reads corrected rates and orientation. tell(done, total): called with the number of bytes
+    read so far, and of all bytes.
     Raises RecordingError for a file that is not a recording of a ward.
     """
     wanted = ["raw", "info", "status", "calibration", "note", *(["corrected", "orientation"] if corrected else [])]

@@ -178,8 +178,9 @@ def survey(
 ) -> Survey:
     """Survey a ward's recordings: devices, boots, rates, gaps, calibrations and notes.
 
-    tell(done, total): called with the bytes read. wanted: kinds of message to read, by the first word of their topic;
-    empty for all. keep: True stores the samples. Raises RecordingError for a file that is not a recording of a ward.
+    tell(done, total): called with the number of bytes read so far, and of all bytes.
+    wanted: kinds of message to read, by the first word of their topic; empty for all. keep: True stores
+    the samples. Raises RecordingError for a file that is not a recording of a ward.
     """
     refused, trouble = Tally(), list[str]()
     sizes = [path.stat().st_size for path in paths if path.is_file()]

@@ -31,8 +31,9 @@ class Table:
     """Columns of samples as the reader of a file format returns them, before repairs, in SI units, sensor frame.
 
     columns: gyro_rad_s (n, 3) and, if known, accel_m_s2 (n, 3), temperature_c (n,), t_s (n,), counter (n,), rate_hz ().
-    place: names a value of the file in an error. device: id, empty if unknown. boot: 64-bit boot number, 0 if unknown.
-    model: empty if unknown. tick_s: duration of a count of the file's time column, 0 if unknown.
+    place(column, row, axis): returns the name of a value in the file and the text of its position, for errors.
+    device: id, empty if unknown. boot: 64-bit boot number, 0 if unknown.
+    model: empty if unknown. tick_s: duration of one count of the file's time column, s; 0 if unknown.
     notes: sentences for the user on the reader's assumptions.
     """
 

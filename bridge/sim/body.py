@@ -27,7 +27,10 @@ _RING_HZ, _RING_S = 14.0, 0.05
 
 
 class Activity(IntEnum):
-    """Activities of a wearer; TABLE and HANDLED are those of a device that is not worn."""
+    """Activity of a wearer and device during a stretch of time.
+
+    The device is not worn during TABLE (it lies on a table) and HANDLED (a hand moves it).
+    """
 
     TABLE = 0
     HANDLED = 1

@@ -56,8 +56,9 @@ def simulate_session(
     noise_dps: white noise, standard deviation per sample, °/s; it replaces that of `spec`.
     rests_s: duration of every rest, or one duration for each. turns: plans of the turns; None draws one turn of 360°
     about each axis. turn_s: shortest and longest duration of a turn, s.
-    wobble_deg: largest tilt of a turn's axis on its way. tilt_deg: largest angle between a turn's axis and the sensor
-    axis. replacement_deg: closure error of a turn, standard deviation per axis.
+    wobble_deg: largest tilt of a turn's axis during the turn. tilt_deg: largest angle between a turn's axis and the
+    sensor axis.
+    replacement_deg: closure error of a turn (end attitude against start attitude), standard deviation per axis.
     Raises ValueError if the number of rests does not fit the number of turns.
     Scale, bias and noise draws depend on the seed alone: changing the motion or the noise level keeps the device.
     """

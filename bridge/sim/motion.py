@@ -61,7 +61,7 @@ class Turn:
 
     goes (m, 3): one row per push of the hand: begin s, end s, and share of the angle. Each push is a minimum-jerk
     curve; the shares add up to 1.
-    wobble (h, 3): amplitudes of the harmonics of a tilt across the axis, rad. The tilt is zero at both ends.
+    wobble (h, 3): amplitudes of the harmonics of a rotation vector that tilts the axis, rad; zero at both ends.
     offset (3,): closure error, as a rotation vector in rad; zero for a perfect re-placement.
     lever (3,): lever arm in m, sensor axes.
     """

@@ -38,9 +38,9 @@ class SessionPlan:
     rests_s: duration of every rest, or one duration for each of the rests (number of turns + 1).
     turns: plans of the turns; None draws one turn about each axis, in any order and direction.
     turn_s: shortest and longest duration of a turn whose plan has none, s.
-    wobble_deg: largest tilt of a turn's axis on its way; the turn still closes exactly.
+    wobble_deg: largest tilt of a turn's axis during the turn; the turn still closes exactly.
     tilt_deg: largest angle between a turn's axis and the sensor axis.
-    replacement_deg: closure error of a turn, standard deviation per axis.
+    replacement_deg: closure error of a turn (end attitude against start attitude), standard deviation per axis.
     """
 
     rests_s: float | tuple[float, ...] = 3.2

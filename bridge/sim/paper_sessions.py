@@ -30,7 +30,7 @@ class PaperPlan:
     noise_dps: white noise, standard deviation per sample, °/s. rest_s: duration of each rest. turn_s: shortest and
     longest duration of a turn, s. rate_hz: output data rate.
     wobble_deg: amplitude of the swing of a turn's axis in space; the turn still closes.
-    replacement_deg: closure error of a turn, standard deviation per axis.
+    replacement_deg: closure error of a turn (end attitude against start attitude), standard deviation per axis.
     sampling: "mean" for readings that average the rate over an interval, "point" for the rate at its end.
     """
 

@@ -79,10 +79,11 @@ class _Boot:
 class VirtualDevice:
     """Virtual device that speaks the native serial protocol: `receive` takes bytes, `advance` returns bytes.
 
-    Call `advance` and `receive` from one thread; power switches and `truth` may be used from any thread.
-    name, seed: decide all random values together. draw_boot: function that returns a boot
-    number at each power-up; None draws boot numbers from the seed too.
-    source: the samples. spec: None for DeviceSpec().
+    Call `advance` and `receive` from one thread. `reboot`, `power_off`, `power_on` and `truth` (the log of true values)
+    may be used from any thread.
+    name, seed: decide all random values together. draw_boot: function that returns a 64-bit boot number at each
+    power-up; None draws boot numbers from the seed too.
+    source: supplies the samples. spec: properties of the device; None for DeviceSpec().
     """
 
     def __init__(

@@ -16,7 +16,10 @@ _BLOCKS = {"lie": 0.28, "sleep": 0.14, "sit": 0.26, "walk": 0.22, "pushed": 0.05
 
 
 class Wearer:
-    """Simulated wearer with one device at one place of the body; draws stretches of activity from rng."""
+    """Simulated wearer of one device: draws stretches of activity (body.Stretch) from rng.
+
+    rng: also decides the wearer's depth of breathing, stride frequency and speed of swinging.
+    """
 
     def __init__(self, rng: np.random.Generator) -> None:
         self._rng = rng
@@ -34,7 +37,7 @@ class Wearer:
         }
 
     def life(self) -> Iterator[Stretch]:
-        """Yield stretches of activity without end: a minute on the table, then worn."""
+        """Yield stretches of activity without end: a minute on the table, then mostly worn."""
         yield self.table(_MINUTE)
         yield self._handled()
         while True:

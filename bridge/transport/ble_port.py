@@ -61,7 +61,10 @@ class BleLink:
         self._connection: Connection | None = None
 
     def open(self) -> None:
-        """Connect to the device, one device at a time. Raises DeviceUnavailable if that fails."""
+        """Connect to the device; several devices are connected one after another.
+
+        Raises DeviceUnavailable if the device cannot be connected.
+        """
         self.close()
         inbox = Inbox(_MOST_BYTES)
         with self._lock:

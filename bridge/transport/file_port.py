@@ -50,7 +50,7 @@ class FilePort:
     def read(self, timeout_s: float) -> Chunk:
         """Return the bytes that a serial line would have delivered since the last read.
 
-        Waits first for timeout_s, or for 10 ms if that is shorter.
+        Waits first for 10 ms, or for timeout_s if timeout_s is shorter.
         Raises DeviceLost at the end of the file, with `over` True, and if the file is closed or fails.
         """
         self._closed.wait(min(timeout_s, _TURN_S))

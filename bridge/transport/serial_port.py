@@ -38,9 +38,9 @@ class SerialPort:
 
     port: path of the port. /dev/serial/by-id/... is stable; /dev/ttyUSB0 may change. baud: bits per second.
 
-    Many boards boot when DTR falls or rises. Opening a port always raises DTR and RTS. Neither line is lowered
-    afterwards, neither here nor by the system on close. So only the first opening after plugging in may boot the board.
-    Lowering the lines would silence boards with USB of their own, and reset an ESP32.
+    Many boards boot when DTR falls or rises. Opening a port always raises DTR and RTS. Afterwards
+    neither this class nor the system, on close, lowers them. So only the first opening after plugging in may boot the
+    board. Lowering the lines would silence boards with native USB, and reset an ESP32.
     """
 
     def __init__(self, port: str, baud: int) -> None:

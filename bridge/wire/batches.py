@@ -88,9 +88,12 @@ def encode_corrected(batch: CorrectedBatch) -> bytes:
 
 
 class CorrectedEncoder:
-    """Encoder for the many corrected batches of one device; sets common fields only when they change.
+    """Encoder for the many corrected batches of one device.
 
-    epoch: number of the estimator's ownership of the device; a higher number is later, 0 is unknown.
+    `corrected_by` sets the fields that many batches share: quality, calibration id, bias and standard deviations.
+    `encode` adds the fields of one batch.
+    epoch: number of the period in which the estimator owns the device, that is, alone processes its samples. A later
+    period has a higher number; 0 is unknown.
     """
 
     def __init__(self, device: str, epoch: int = 0) -> None:
@@ -99,8 +102,8 @@ class CorrectedEncoder:
     def corrected_by(self, quality: Quality, calibration: str, told: Float32s) -> None:
         """Set quality, calibration id, bias and standard deviations of all following messages.
 
-        told (6, 3): one row for each name in TOLD: noise_std, bias_std, flicker_std and bias in rad/s; scale_std and
-        cross_std without unit.
+        calibration: id of the calibration in use. told (6, 3): one row for each name in TOLD: noise_std, bias_std,
+        flicker_std and bias in rad/s; scale_std and cross_std without unit.
         """
         message = self._message
         message.quality = int(quality)
@@ -123,7 +126,8 @@ class CorrectedEncoder:
         """Encode one corrected batch as protobuf bytes; the arguments are the fields of CorrectedBatch.
 
         boot: 64-bit boot number. sequence: number of the first sample since boot. start_time_ns: host time of the first
-        sample, ns since the Unix epoch. clock_rate: host seconds per device second.
+        sample, ns since the Unix epoch. tick_period_s: duration of one tick of the device clock, s. clock_rate: host
+        seconds per device second.
         ticks (n,), rate (n, 3) in rad/s, flags (n,): packed as bytes by `column_of` and `packed_flags`.
         """
         message = self._message
@@ -219,7 +223,7 @@ def ticks_of(column: bytes) -> NDArray[np.uint64]:
 def times_of(
     raw: columns.SampleBatch | columns.CorrectedBatch | columns.OrientationBatch, ticks: NDArray[np.uint64]
 ) -> None:
-    """Check the clock fields of a batch, and that the host time of its last sample is in range.
+    """Check the fields start_time_ns, tick_period_s and clock_rate of a batch, and the host time of its last sample.
 
     raw: the received message. ticks (n,): ticks of its samples. Raises Refusal if a value is out of range.
     """

@@ -78,8 +78,8 @@ class BootCause(IntEnum):
 class State(IntEnum):
     """Calibration state of a device, from warming up to tracking its bias.
 
-    WARMING: warming up after a boot. AWAITING_STILL: waiting for a rest. BIAS_ONLY: bias known from a rest, turns to
-    come.
+    WARMING: warming up after a boot. AWAITING_STILL: waiting for a rest. BIAS_ONLY: bias known from a rest; the
+    turns are still to be made.
     TURNING: a calibration turn is under way. TRACKING: calibrated, bias tracked.
     DEGRADED: calibrated, but the evidence is old or contradicts the estimate. LOST: the device sends nothing.
     """
@@ -255,11 +255,11 @@ class Status:
 
 
 class Holding(NamedTuple):  # a NamedTuple for speed: hundreds of them, five times a second
-    """Device owned by an estimator.
+    """Device that an estimator owns: it alone processes the device's samples.
 
-    epoch: number of the ownership; a higher number is later. boot: 64-bit boot number. next: number of the first sample
-    of this boot that is not yet corrected and published. busy: True during a calibration, whose turns a takeover would
-    lose.
+    epoch: number of the period of ownership; a later period has a higher number. boot: 64-bit boot number.
+    next: number of the first sample of this boot that is not yet corrected and published.
+    busy: True during a calibration. Its turns would be lost if another estimator took over.
     """
 
     device: str
@@ -271,7 +271,7 @@ class Holding(NamedTuple):  # a NamedTuple for speed: hundreds of them, five tim
 
 @dataclass(frozen=True, slots=True)
 class Move:
-    """Change of the devices that an estimator owns, with its reason.
+    """Change of the list of devices that an estimator owns (alone processes), with the reason.
 
     came, left: number of devices gained and given up. time_ns: ns since the Unix epoch.
     """
@@ -284,10 +284,11 @@ class Move:
 
 @dataclass(frozen=True, slots=True)
 class Owned:
-    """List of the devices that an estimator owns, published in `parts` messages.
+    """List of the devices that an estimator owns (alone processes), published in `parts` messages.
 
     part: number of this message, from 0. load: processor time used by the estimator's process, s per s.
-    time_ns: ns since the Unix epoch.
+    time_ns: ns since the Unix epoch. epoch: highest epoch that the estimator has received or used. holdings: the devices.
+    moves: latest changes of the list.
     """
 
     estimator: str
@@ -305,7 +306,8 @@ class Owned:
 class Checkpoint:
     """Checkpoint of a device, from which another estimator can take over: calibration, filter state, last replies.
 
-    epoch: number of the ownership; a higher number is later. time_ns: ns since the Unix epoch.
+    epoch: number of the period in which the estimator owns the device; a later period has a higher number.
+    time_ns: ns since the Unix epoch. answers: verb and reply of the last commands. state: the filter state, encoded.
     """
 
     device: str

@@ -44,8 +44,9 @@ def encode_columns(
 ) -> bytes:
     """Encode an orientation batch as protobuf bytes, from columns packed by `column_of`.
 
-    epoch: number of the estimator's ownership of the device. header: the fields boot, sequence, start_time_ns,
-    tick_period_s, clock_rate and ticks of OrientationBatch; the ticks are packed.
+    epoch: number of the period in which the estimator owns the device; a later period has a higher number.
+    header: the fields boot, sequence, start_time_ns, tick_period_s, clock_rate and ticks of OrientationBatch; the ticks
+    are packed.
     quat_wxyz (n, 4): packed float32, unit quaternions from sensor to earth. linear_accel (n, 3): packed float32, m/s²,
     earth axes; empty without an accelerometer. covariance (6,): packed float32, xx, xy, xz, yy, yz, zz of the attitude
     error, rad², earth axes.

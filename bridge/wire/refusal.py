@@ -27,7 +27,7 @@ class Reason(StrEnum):
 class Refusal(Exception):
     """External input was refused.
 
-    reason: label under which the refusal is counted. detail: the value that came, and the value expected.
+    reason: label under which the refusal is counted. detail: text that states the received value and the expected one.
     """
 
     def __init__(self, reason: Reason, detail: str) -> None:

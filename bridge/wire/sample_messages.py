@@ -34,7 +34,7 @@ class SampleFlag(IntFlag):
     """Bits of a sample's `flags`.
 
     AFTER_GAP: samples are missing before it. CLIPPED: an axis is at the end of its full-scale range.
-    STUCK: readings repeat where noise should change them. LATE: received much later than taken.
+    STUCK: readings repeat where noise should change them. LATE: received more than 1 s after it was taken.
     TEMPERATURE_STEP: the temperature changed faster than a sensor's can.
     """
 
@@ -62,7 +62,7 @@ class Quality(IntEnum):
 
 
 class Timed:
-    """Base class of batches: device times and host times of n samples, from ticks and clock fields.
+    """Base class of batches: computes device times and host times of n samples from the fields below.
 
     ticks (n,) uint64: device clock, tick_period_s each. start_time_ns: host time of the first sample, ns since the Unix
     epoch. clock_rate: host seconds per device second.
@@ -138,8 +138,9 @@ class OrientationBatch(Timed):
     covariance (3, 3) float32: of the attitude error at the last sample, a small rotation about earth axes, rad².
     zero_sequence: number of the sample at which the heading was zero. zero: `start`, or the name of the person who
     reset the heading.
-    boot: 64-bit boot number. sequence: number of the first sample since boot. epoch: number of the estimator's
-    ownership of the device; a higher number is later. ticks (n,) uint64: device clock, tick_period_s each.
+    boot: 64-bit boot number. sequence: number of the first sample since boot. epoch: number of the period in
+    which the estimator owns the device; a later period has a higher number.
+    ticks (n,) uint64: device clock, tick_period_s each.
     start_time_ns: host time of the first sample, ns since the Unix epoch. clock_rate: host seconds per device second.
     """
 
@@ -182,7 +183,7 @@ class CorrectedBatch(Timed):
     rate (n, 3) float32: rad/s. bias (3,) float32: rad/s.
     noise_std, bias_std, flicker_std (3,) float32: rad/s. scale_std, cross_std (3,) float32: without unit.
     bias_std belongs to the bias averaged over minutes, flicker_std to the bias' flicker about that average.
-    scale_std and cross_std belong to the diagonal of the calibration matrix and to its other elements (misalignment).
+    scale_std and cross_std: relative errors of scale and misalignment; `combined_std` states the effect of each.
     calibration: id of the calibration in use. flags (n,) uint32: SampleFlag bits.
     boot: 64-bit boot number. sequence: number of the first sample since boot. ticks (n,) uint64: device clock,
     tick_period_s each. start_time_ns: host time of the first sample, ns since the Unix epoch. clock_rate: host seconds

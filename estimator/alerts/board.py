@@ -33,7 +33,7 @@ class Board:
 
     An alert is raised when its fault has lasted for the hold time in `settings`. The alert is cleared when the fault
     has been absent for the time `settings.clear_s`, s; a fault that returns earlier is the same fault.
-    standing: alerts raised before a restart or a takeover. now_s: monotonic time, s.
+    standing: alerts raised before a restart, or by the estimator that owned the device before. now_s: monotonic time, s.
     """
 
     def __init__(self, settings: Alerts, standing: Iterable[Alert] = (), now_s: float = 0.0) -> None:

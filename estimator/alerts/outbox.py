@@ -47,7 +47,8 @@ class Outbox:
     def put(self, subject: str, placement: Placement | None, change: Change, now_s: float) -> None:
         """Queue an alert or an all-clear. An unsent alert and its all-clear cancel each other.
 
-        subject: id of a device or an estimator. now_s: monotonic time, s.
+        subject: id of a device or an estimator. placement: that of the device; None if unknown. change: from `Board`:
+        an alert raised or acknowledged, or cleared, which makes an all-clear. now_s: monotonic time, s.
         """
         key = subject, change.alert.kind
         before = self._waiting.pop(key, None)
@@ -57,7 +58,7 @@ class Outbox:
         self._due_s = min(self._due_s, now_s + GATHER_S)
 
     def take(self, now_s: float, local: datetime) -> list[News]:
-        """Remove and return the alerts to be sent now; empty while alerts are grouped, and in quiet hours.
+        """Remove and return the alerts to be sent now; empty in quiet hours, and while alerts are collected.
 
         now_s: monotonic time, s. local: local wall-clock time.
         """

@@ -43,7 +43,11 @@ class Sender:
         self._outbox.settings = settings
 
     def put(self, subject: str, placement: Placement | None, change: Change) -> None:
-        """Queue an alert or all-clear of a device or estimator for sending; never waits."""
+        """Queue an alert or all-clear for sending; never waits.
+
+        subject: id of a device or an estimator. placement: that of the device; None if unknown.
+        change: the alert; an all-clear if `change.cleared` is True.
+        """
         self._came.put((subject, placement, change))
         if self._thread.ident is None:
             self._thread.start()

@@ -1,4 +1,4 @@
-"""Verb `alerts`: lists the standing alerts of a ward, acknowledges one, or sends a test message."""
+"""Verb `alerts`: lists the alerts of a ward (raised, not yet cleared), acknowledges one, or sends a test message."""
 
 import argparse
 import json

@@ -1,4 +1,4 @@
-"""Verb `truerate cluster status`: lists the estimators of a ward, and the devices that each owns."""
+"""Verb `truerate cluster status`: lists the estimators of a ward, and the devices that each owns (alone processes)."""
 
 import argparse
 from datetime import datetime

@@ -1,4 +1,4 @@
-"""Verb `placement`: states, lists and ends the placements of devices on wearers."""
+"""Verb `placement`: states, lists and ends placements: the body segment and the wearer of each device."""
 
 import argparse
 import json

@@ -152,34 +152,34 @@ class Client:
     def follow(self, device: Devices = None) -> Stream[Status]:
         """Return a stream of device statuses: state, quality, bias in rad/s, and counts.
 
-        The latest status of each device comes first. Statuses of an estimator that has lost the device to another
-        estimator are left out. device: one id, several ids, or None for all.
+        The latest status of each device is delivered first. If another estimator has taken over the device, statuses
+        of the former one are left out. device: one id, several ids, or None for all.
         """
         return self._stream("status", codec.decode_status, device, wanted=_current())
 
     def follow_infos(self, device: Devices = None) -> Stream[DeviceInfo]:
         """Return a stream of device infos (identity, settings, sample counts) from every bridge that lists a device.
 
-        The latest known info comes first. device: one id, several ids, or None for all.
+        The latest info of each device is delivered first. device: one id, several ids, or None for all.
         """
         return self._stream("info", codec.decode_info, device)
 
     def follow_calibrations(self, device: Devices = None) -> Stream[Calibration]:
-        """Return a stream of calibrations, accepted or rejected; the last few of each device come first.
+        """Return a stream of calibrations, accepted or not; the last few of each device are delivered first.
 
         device: one id, several ids, or None for all.
         """
         return self._stream("calibration", codec.decode_calibration, device)
 
     def follow_notes(self, device: Devices = None) -> Stream[Note]:
-        """Return a stream of notes, which people attach to a moment of a device; the last few of each device come first.
+        """Return a stream of notes, which people attach to a moment of a device; the last few are delivered first.
 
         device: one id, several ids, or None for all.
         """
         return self._stream("note", codec.decode_note, device)
 
     def follow_owned(self) -> Stream[Owned]:
-        """Return a stream of ownership messages: the devices of each estimator, its load, and its own alerts.
+        """Return a stream of Owned messages: the devices that each estimator processes, its load, and its own alerts.
 
         Each estimator sends one at least once a second. There is no history.
         """
@@ -193,14 +193,14 @@ class Client:
         return {status.device: status for status in self.follow(device).collect(wait_s)}
 
     def calibrations(self, device: str | None = None, wait_s: float = 0.5) -> list[Calibration]:
-        """Return the recent calibrations, accepted or rejected, after listening for wait_s seconds.
+        """Return the recent calibrations, accepted or not, after listening for wait_s seconds.
 
         device: id; None for all devices.
         """
         return self.follow_calibrations(device).collect(wait_s)
 
     def owned(self, wait_s: float = 1.3) -> list[Owned]:
-        """Return the estimators' ownership messages, the devices of each estimator, after listening for wait_s seconds.
+        """Return Owned messages, the devices that each estimator processes, after listening for wait_s seconds.
 
         Each estimator sends one at least once a second.
         """
@@ -209,7 +209,7 @@ class Client:
     def alive(self, what: str, wait_s: float = 0.3) -> list[str]:
         """Return the sorted ids of the live processes of one kind; empty if there is none.
 
-        what: `bridge` or `estimator`. The search takes wait_s seconds, and up to NONE_S seconds more while no process
+        what: `bridge` or `estimator`. The search takes wait_s seconds, and up to NONE_S (2 s) more while no process
         is found.
         """
         found: dict[str, bool] = {}
@@ -263,8 +263,8 @@ class Client:
 
         who: name of the person or program that asks, for the audit. reason: free text. erase: True also deletes its
         entries in the store, except its audit.
-        Returns the estimator's reply, which refuses a device that still sends or is enrolled. Raises BusError if no
-        estimator answers.
+        Returns the estimator's reply, which refuses a device that still sends, or that the ward file lists as enrolled.
+        Raises BusError if no estimator answers.
         """
         return self._command(device, "erase" if erase else "forget", who, reason)
 

@@ -2,7 +2,7 @@
 
 A batch that arrives early is held until the samples before it arrive, for a bounded time. After that time the absent
 samples are reported as missing. If several estimators publish a sample, the one with the highest epoch is delivered.
-An epoch is the number of an estimator's ownership of a device.
+An epoch is the number of the period in which an estimator owns a device (alone processes its samples).
 
 A sample with an older epoch than the last delivered sample waits for HANDOVER_S, since the present owner may still
 publish it. Therefore an estimator that resumes after a hang is ignored while another estimator owns its device. If no
@@ -65,8 +65,9 @@ class _Boot:
 class ReorderBuffer:
     """Reorder buffer: takes batches in any order, and puts batches and reports of gaps into `ready` in delivery order.
 
-    wait_s: time to wait for missing samples. boots: largest number of boots remembered.
-    repeated: number of samples left out because they were duplicates, or came after being reported as missing.
+    wait_s: time to wait for missing samples. boots: largest number of boots, of all devices, whose state is
+    kept.
+    repeated: number of samples left out because they were duplicates, or arrived after being reported as missing.
     missing: number of samples reported as missing, by device.
     """
 
@@ -81,7 +82,7 @@ class ReorderBuffer:
     def feed(self, batch: CorrectedBatch, now: float) -> None:
         """Add a received batch; put into `ready` all batches that can be delivered now.
 
-        now: time of a steady clock, s. A batch that came before its predecessors is held until they arrive, or until
+        now: time of a steady clock, s. A batch that arrives before its predecessors is held until they arrive, or until
         `overdue` ends its wait.
         """
         boot, n = self._boot(batch), len(batch)

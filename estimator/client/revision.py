@@ -39,7 +39,7 @@ def revised(batch: CorrectedBatch, revision: BiasRevision) -> CorrectedBatch:
 def covers(revision: BiasRevision, batch: CorrectedBatch) -> NDArray[np.bool_]:
     """Return a mask (n,), True for each sample of a batch that a revision covers.
 
-    Device, boot and calibration must be equal. The sample's number and time (± SAME_TIME_NS) must be within the
+    Device, boot and calibration must be equal. The sample's number and time (± SAME_TIME_NS, 1 s) must be within the
     revision.
     """
     if (batch.device, batch.boot, batch.calibration) != (revision.device, revision.boot, revision.calibration):

@@ -80,7 +80,10 @@ class Stream(AsyncIterator[T], Generic[T]):
         return list(iter(self.pop, None))
 
     def latest(self) -> T | None:
-        """Return the newest message since the last call, or None if none came; discard older messages. Does not wait."""
+        """Return the newest message since the last call, or None if there is none.
+
+        Does not wait. Older messages are discarded.
+        """
         return next(reversed(self.drain()), None)
 
     def collect(self, for_s: float) -> list[T]:
@@ -177,7 +180,7 @@ class Corrected(Stream[CorrectedBatch]):
 
     @property
     def repeated(self) -> int:
-        """Number of samples left out because they were duplicates, or came after being reported as missing."""
+        """Number of samples left out because they were duplicates, or arrived after being reported as missing."""
         return self._buffer.repeated
 
     @property

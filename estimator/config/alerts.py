@@ -30,6 +30,7 @@ _HOURS = re.compile(r"([01]\d|2[0-3]):([0-5]\d)-([01]\d|2[0-3]):([0-5]\d)\Z")
 class Alerts(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Settings of alerts: hold times, quiet hours, and addresses to send to. The web page always shows all alerts.
 
+    A comment at each field states its meaning and unit.
     Raises ValueError for an unknown kind of alert, and for a value out of range.
     """
 

@@ -66,9 +66,9 @@ class OpenId(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
 
 class Dashboard(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Settings of the web page. Everybody who can reach the page may look; the listed people may also give commands.
+    """Settings of the web page. Everybody who can reach the page may see it; the listed people may also give commands.
 
-    Raises ValueError for an invalid or contradictory setting.
+    A comment at each field states its meaning and unit. Raises ValueError for an invalid or contradictory setting.
     """
 
     #: address and port

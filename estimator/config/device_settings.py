@@ -1,4 +1,4 @@
-"""Conversion of a device's noise model to the settings of its session: stillness, prior and tracking."""
+"""Conversion of a device's noise model to the estimator's settings for it: stillness, prior and tracking."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -26,7 +26,7 @@ _TOLERANCES, _BY_HAND = 2.0, 0.01
 
 
 def knobs_of(model: NoiseModel, knobs: SessionKnobs | None = None) -> SessionKnobs:
-    """Derive a device's session settings, in SI units, from its noise model; where axes differ, the worst axis decides.
+    """Derive the estimator's settings for one device, in SI units, from its noise model; the worst axis decides.
 
     The bias instability, the flat part of the Allan deviation, enters twice: as a rate random walk and as flicker
     noise.
@@ -52,10 +52,11 @@ def knobs_of(model: NoiseModel, knobs: SessionKnobs | None = None) -> SessionKno
 
 
 def knobs_of_stated(words: str, knobs: SessionKnobs | None = None) -> SessionKnobs:
-    """Return the session settings of a device from the sensor name that it reports, for a ward file without its model.
+    """Return the estimator's settings for one device, by the sensor name that the device reports.
 
+    Used for a device whose noise model is not in the ward file.
     words: description reported by the device, such as `Arduino Nano 33 BLE (LSM9DS1)`; empty if unknown. A sensor name
-    in it selects the noise model; without a known name, the generic model is used.
+    in it selects the noise model; if no name is recognised, the generic model is used.
     knobs: settings that a noise model does not determine; None for the defaults.
     Full-scale range, scale tolerance and scale limit are always those of the generic model. A sensor name does not
     determine them, and no turn is refused because of a name.
@@ -69,7 +70,7 @@ def knobs_of_stated(words: str, knobs: SessionKnobs | None = None) -> SessionKno
 
 
 class Treatment:
-    """Session settings of each device of a ward, from the noise model in the ward file, else from the reported sensor.
+    """Estimator settings for each device of a ward: by the noise model in the ward file, else by the reported sensor.
 
     The estimator uses these settings, as do programs whose results must agree with the estimator.
     usual: settings that a noise model does not determine; None for the defaults.
@@ -84,7 +85,7 @@ class Treatment:
         self._made = dict[tuple[str, str], SessionKnobs]()
 
     def of(self, device: str, words: str = "") -> SessionKnobs:
-        """Return the session settings of one device.
+        """Return the estimator's settings for one device.
 
         words: description reported by the device, which may name its sensor; empty if unknown.
         """

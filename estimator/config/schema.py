@@ -16,7 +16,7 @@ from estimator.noise.device_model import load_model
 class Estimator(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Settings of the estimator: its id, its store, its calibration method and the noise models of devices.
 
-    Raises ValueError for an invalid setting.
+    A comment at each field states its meaning and unit. Raises ValueError for an invalid setting.
     """
 
     #: name of the estimator in keys and certificates

@@ -20,7 +20,7 @@ HEADING_DEG, HEADING_SHARE = 5.0, 0.1
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Judgement:
-    """Errors of one boot of one device, for the n samples from the first of quality GOOD to the last.
+    """Errors of one boot of one device, for the n samples from the first of quality GOOD to the last of this quality.
 
     k_true, k, k_std (3,): true and estimated scale factors at the end, and their standard deviation, without unit.
     time (n,): device time, s. bias_true_dps, bias_dps, bias_std_dps (n, 3): true and estimated bias, and its standard

@@ -153,7 +153,8 @@ class Ward:
     def plug(self, name: str, device: VirtualDevice, *, speed: float = 1.0, lossless: bool = False) -> PtyPort:
         """Connect a virtual device to the port of this name, and return the port.
 
-        speed: simulated seconds per real second. lossless: as in `PtyPort`.
+        speed: simulated seconds per real second. lossless: True stops the device's time while the
+        reader has no room or the port is unplugged, so that no byte is lost.
         """
         self.ports[name] = PtyPort(device, self._places[name], speed=speed, lossless=lossless)
         return self.ports[name]

@@ -19,7 +19,7 @@ def allan(rest: AtRest, title: str, path: Path) -> None:
     """Draw the Allan deviation (°/s) of each axis over the averaging time (s), and write the figure to `path`.
 
     Shown: measured values with 95 % interval, fitted model, and each kind of noise or its upper limit.
-    title: title of the figure.
+    rest: noise of a recording at rest, fitted per axis. title: title of the figure.
     """
     figure = Figure(figsize=(13, 6), dpi=130)
     figure.suptitle(f"{title}: {rest.duration_s:.0f} s at rest, {rest.rate_hz:.4g} Hz", fontsize=12)

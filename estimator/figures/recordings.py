@@ -54,7 +54,7 @@ def binned(time_s: Floats, rate_hz: float) -> Bins:
 def corrected(recording: Recording, found: CorrectedRecording, path: Path) -> None:
     """Draw a corrected recording, one row per axis: raw and corrected rate (°/s), and bias ± 2 σ (°/s).
 
-    path: image file to write.
+    recording: the raw rates. found: corrected rate, bias and quality of each of its samples. path: image file to write.
     The background shows the quality. Temperature (°C) is below, if recorded.
     """
     warm = recording.temperature_c

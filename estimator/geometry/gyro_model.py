@@ -25,7 +25,7 @@ def least_step(reading: Floats) -> Floats:
     """Rounding step (3,) of readings (n, 3), rad/s: the smallest difference above 1e-9 between readings on each axis.
 
     The step is close to zero on an axis with unrounded readings. On an axis whose readings are all equal, the step is
-    COARSE_STEP.
+    COARSE_STEP, rad/s.
     """
     ordered = np.sort(reading.T)
     steps = ordered[:, 1:] - ordered[:, :-1]
@@ -38,8 +38,8 @@ def least_step(reading: Floats) -> Floats:
 def rounding_var(std: Floats, step: Floats) -> Floats:
     """Variance (3,) that rounding adds to the mean of readings at rest: step² / 12 if std < step / 2, else 0.
 
-    std (3,): standard deviation of a reading. step (3,): rounding step, in the same unit. The variance is in the square
-        of this unit.
+    std (3,): standard deviation of a reading. step (3,): rounding step, in the same unit. The variance is in the
+    square of this unit.
     If the noise is small, every reading has the same rounding error, which averaging does not reduce. Larger noise
     makes the rounding errors independent, so that they average out.
     """
@@ -49,8 +49,8 @@ def rounding_var(std: Floats, step: Floats) -> Floats:
 def mean_var(std: Floats, step: Floats, n: float) -> Floats:
     """Variance (3,) of the mean of n readings at rest, from noise and rounding.
 
-    std (3,): standard deviation of a reading. step (3,): rounding step, in the same unit. The variance is in the square
-        of this unit.
+    std (3,): standard deviation of a reading. step (3,): rounding step, in the same unit. The variance is in the
+    square of this unit.
     """
     return std**2 / n + rounding_var(std, step)
 
@@ -58,7 +58,7 @@ def mean_var(std: Floats, step: Floats, n: float) -> Floats:
 def reading_std(std: Floats) -> Floats:
     """Standard deviation (3,) of one gyro reading, rad/s, from the standard deviation (3,) observed at rest, rad/s.
 
-    A coarse gyro may show no noise at rest. The result is then the standard deviation of rounding by COARSE_STEP.
+    A coarse gyro may show no noise at rest. The result is then that of rounding: COARSE_STEP / √12, rad/s.
     """
     if all(axis > 1e-9 for axis in std.tolist()):
         return std
@@ -82,8 +82,9 @@ class GyroModel:
 
     matrix (3, 3): no unit. bias (3,): rad/s.
     noise_std (3,): standard deviation of one reading, rad/s.
-    scale_std (3,): relative standard deviation of the diagonal of the matrix.
-    cross_std (3,): relative standard deviation of the off-diagonal elements, one value per row.
+    The true matrix is (1 + E) matrix; E (3, 3) is the relative error, without unit.
+    scale_std (3,): standard deviation of the diagonal elements of E.
+    cross_std (3,): standard deviation of the off-diagonal elements of E, one value per row.
     """
 
     matrix: Floats
@@ -108,7 +109,8 @@ class GyroModel:
 class PriorKnobs:
     """Prior standard deviations of a gyro not yet calibrated in this boot.
 
-    scale_std: relative. misalignment_std: rad. bias_std: rad/s. noise_std: of one reading, rad/s.
+    scale_std: of a scale factor, relative to that of the datasheet. misalignment_std: rad. bias_std: rad/s.
+    noise_std: of one reading, rad/s.
     """
 
     #: relative, of the datasheet's sensitivity: known library errors reach 0.17

@@ -47,9 +47,9 @@ class Clock:
 class Columns:
     """Meaning of a text table's columns.
 
-    gyro: columns of the rates, once for each unit in the file. accel: likewise for the acceleration. clocks: all time
-    columns. counter, temperature, rate: index of the column with sample numbers, with temperatures in °C, and with the
-    sampling rate in Hz; None if there is none.
+    gyro: the rates, one Triple for each unit in which the file states them. accel: likewise for the acceleration.
+    clocks: all time columns. counter, temperature, rate: index of the column with sample numbers, with temperatures in
+    °C, and with the sampling rate in Hz; None if there is none.
     numbers: indices of all columns to read as numbers. unused: names of columns of incomplete vectors. notes: sentences
     for the user on the choice of columns.
     """

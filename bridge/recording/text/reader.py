@@ -53,9 +53,9 @@ def read_columns(
 ) -> Table:
     """Make a Table in SI units from numbers (n, c) and the names of their c columns.
 
-    Names are recognised as those of a text table. rate_hz: rate that the file states, else 0. sensor: words that tell
-    to which sensor columns named x, y, z belong. Raises RecordingError if the columns of the rates are missing or
-    ambiguous.
+    Names are recognised as those of a text table. rate_hz: rate that the file states, else 0. sensor: text that names
+    the sensor, such as `gyro`, for columns named only x, y and z.
+    Raises RecordingError if the columns of the rates are missing or ambiguous.
     """
     layout = Layout(None, ".", names, len(names), 0, rate_hz)
     columns = find(path, layout, reading, ["0"] * len(names), tag=sensor)

@@ -23,7 +23,8 @@ class Read:
 
     columns: indices in the file, from 0, of the c columns read as numbers. numbers (n, c): their values in the file's
     units, NaN if a cell is not a number. texts: columns as written, by index. odd: number of lines that are not rows,
-    by description. lines: line numbers of the rows, from 1, block by block.
+    by description. lines: line numbers of the rows, from 1; one sequence for each block of
+    lines that was read.
     """
 
     columns: list[int]

@@ -18,8 +18,8 @@ def is_clock(cell: str) -> bool:
 def seconds_of(cells: list[str]) -> Floats:
     """Convert times of day, as texts, to seconds (n,) since the midnight before the first time.
 
-    The result is NaN for a cell without a time. A step back of more than half a day begins the next day; a step ahead
-    of more than half a day begins the day before.
+    The result is NaN for a cell without a time. A step back of more than half a day means that midnight has passed. A
+    step ahead of more than half a day means that the row belongs to the day before.
     """
     time = np.array([_second(cell) for cell in cells], np.float64)
     steps = np.diff(time)
