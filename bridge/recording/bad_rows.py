@@ -35,7 +35,7 @@ Place = Callable[[str, int, int], tuple[str, str]]
 def in_arrays(column: str, sample: int, _axis: int) -> tuple[str, str]:
     """Describe where a value is, for an error: the quoted name of its column, and the text ` at sample N`.
 
-    sample: row number, from 0. It is the `place` of `drop_bad_rows` for files of arrays.
+    sample: row number, from 0. Pass this function to `drop_bad_rows` as `place` for a file of arrays.
     """
     return repr(column), f" at sample {sample}"
 
@@ -45,7 +45,7 @@ def drop_bad_rows(path: Path, columns: dict[str, Floats], place: Place, notes: l
 
     columns: in SI units, by name; changed in place. An acceleration or temperature is removed if its
     good rows are less than 2 %, or more than 20 % are beyond its limit.
-    If rows are dropped, the column `row` holds the former numbers of the remaining rows.
+    If rows are dropped, the column `row` holds the number that each remaining row had before.
     place(column, row, axis): returns the name of a value in the file and the text of its position, for errors.
     notes: a sentence is added for each repair.
     Raises RecordingError if more than 20 % of the rows have bad rates or times.

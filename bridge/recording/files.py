@@ -19,7 +19,7 @@ PART = ".part"
 
 
 class Finished(NamedTuple):
-    """Finished recording file.
+    """Finished recording file: its path, size and time of the last write.
 
     bytes: size of the file. ended_ns: host time of the last write, ns since the Unix epoch.
     """
@@ -152,7 +152,7 @@ def recorded_in(path: Path) -> str:
 
 
 def check_new(paths: Iterable[Path]) -> None:
-    """Check that none of some files exists, before any of them is written. Raises RecordingError if one exists."""
+    """Check that none of the paths exists, before any file is written. Raises RecordingError if one exists."""
     for path in paths:
         if path.exists():
             raise RecordingError(

@@ -179,7 +179,7 @@ def _doubts_of_noise(gyro: Floats, rate_hz: float) -> list[str]:
 
 
 def quietest(gyro: Floats, rate_hz: float) -> slice:
-    """Return the rows of the quietest second of readings (n, 3), rad/s.
+    """Return the rows of the quietest window of 1 s in readings (n, 3), rad/s.
 
     Method: of consecutive windows of 1 s, the one whose largest standard deviation over the three axes is smallest. A
     window has at least 16 rows. A recording shorter than two windows is returned whole. rate_hz: sampling rate.

@@ -1,4 +1,7 @@
-"""Reader of recordings into arrays by stretch: a stretch is one boot of a device with rising sequence numbers."""
+"""Reader of recordings into arrays, one set per stretch.
+
+A stretch is the part of a boot of a device in which sequence numbers rise: usually the whole boot.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -131,7 +134,7 @@ class Recorded:
         return sorted(made, key=lambda one: one.time_ns)
 
     def only(self, devices: Sequence[str]) -> "Recorded":
-        """Return the content of some devices alone. devices: ids. Raises RecordingError for a device without samples."""
+        """Return only the content about the given devices. devices: ids. Raises RecordingError for a device without samples."""
         for device in devices:
             if device not in self.stretches:
                 raise RecordingError(f"no samples of --device {device!r}; choose from {', '.join(self.stretches)}")

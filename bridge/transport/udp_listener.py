@@ -104,7 +104,7 @@ _listeners: dict[tuple[str, int], Listener] = {}
 
 
 def join(host: str, port: int, hosts: frozenset[str]) -> tuple[Listener, Inbox]:
-    """Listen for the datagrams of some hosts on a UDP port; returns the shared listener and a new inbox.
+    """Listen for the datagrams of the given hosts on a UDP port; returns the shared listener and a new inbox.
 
     host: local address, empty for all. hosts: addresses of the device, or ANYONE.
     Raises OSError if the port is unusable, and Taken if a host has an inbox already.

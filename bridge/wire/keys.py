@@ -1,6 +1,7 @@
 """Builder and parser of bus keys: `truerate/@v1/<ward>/<what>/...`. No other module builds or parses keys.
 
-Every id is checked in both directions, because the bus accepts wildcards, newlines and quotes in keys.
+Every id is checked when a key is built and when it is parsed. The bus itself accepts wildcards, newlines and quotes in
+keys.
 """
 
 import functools

@@ -48,9 +48,9 @@ class Board:
         return tuple(sorted(found, key=lambda one: one.raised_ns))
 
     def look(self, kinds: Collection[str], now_s: float, now_ns: int) -> list[Change]:
-        """Update the board with the kinds of fault that are present now; returns the alerts raised or cleared by this.
+        """Update the board with the kinds of fault that are present now; returns the changes.
 
-        now_s: monotonic time, s. now_ns: ns since the Unix epoch.
+        A change is an alert that is now raised or cleared. now_s: monotonic time, s. now_ns: ns since the Unix epoch.
         """
         changes = list[Change]()
         for kind in kinds:

@@ -153,7 +153,7 @@ class Client:
         """Return a stream of device statuses: state, quality, bias in rad/s, and counts.
 
         The latest status of each device is delivered first. If another estimator has taken over the device, statuses
-        of the former one are left out. device: one id, several ids, or None for all.
+        from the former estimator are left out. device: one id, several ids, or None for all.
         """
         return self._stream("status", codec.decode_status, device, wanted=_current())
 
@@ -237,7 +237,7 @@ class Client:
     def recalibrate(self, device: str, who: str, reason: str = "") -> CommandReply:
         """Request a new calibration of a device.
 
-        who: name of the person or program that asks, for the audit. reason: free text.
+        who: name of the person or program that asks, for the audit table. reason: free text.
         Returns the estimator's reply: accepted or refused, with a message. Raises BusError if no estimator answers.
         """
         return self._command(device, "recalibrate", who, reason)
@@ -245,7 +245,7 @@ class Client:
     def cancel(self, device: str, who: str, reason: str = "") -> CommandReply:
         """Cancel a running calibration of a device; the previous calibration stays in use.
 
-        who: name of the person or program that asks, for the audit. reason: free text.
+        who: name of the person or program that asks, for the audit table. reason: free text.
         Returns the estimator's reply: accepted or refused, with a message. Raises BusError if no estimator answers.
         """
         return self._command(device, "cancel", who, reason)
@@ -253,16 +253,16 @@ class Client:
     def note(self, device: str, who: str, text: str) -> CommandReply:
         """Attach a text to the present moment of a device; it is stored in the audit table and published for recordings.
 
-        who: name of the person or program, for the audit. Returns the estimator's reply, which refuses an empty text.
-        Raises BusError if no estimator answers.
+        who: name of the person or program, for the audit table.
+        Returns the estimator's reply, which refuses an empty text. Raises BusError if no estimator answers.
         """
         return self._command(device, "note", who, text)
 
     def forget(self, device: str, who: str, reason: str = "", *, erase: bool = False) -> CommandReply:
         """Remove a device from its ward, after the device has stopped sending.
 
-        who: name of the person or program that asks, for the audit. reason: free text. erase: True also deletes its
-        entries in the store, except its audit.
+        who: name of the person or program that asks, for the audit table. reason: free text.
+        erase: True also deletes its entries in the store, except its rows in the audit table.
         Returns the estimator's reply, which refuses a device that still sends, or that the ward file lists as enrolled.
         Raises BusError if no estimator answers.
         """
@@ -271,7 +271,7 @@ class Client:
     def zero_heading(self, device: str, who: str, reason: str = "") -> CommandReply:
         """Set a device's present heading to zero.
 
-        who: name of the person or program that asks, for the audit. reason: free text.
+        who: name of the person or program that asks, for the audit table. reason: free text.
         Returns the estimator's reply: accepted or refused, with a message. Raises BusError if no estimator answers.
         """
         return self._command(device, "zero-heading", who, reason)
@@ -279,7 +279,8 @@ class Client:
     def place(self, device: str, who: str, placement: Placement) -> CommandReply:
         """Set the placement of a device from now on: its place on a body, and the wearer.
 
-        placement: an empty one ends the present one. who: name of the person or program, for the audit.
+        placement: an empty one ends the present one.
+        who: name of the person or program, for the audit table.
         Returns the estimator's reply: accepted or refused, with a message. Raises BusError if no estimator answers.
         """
         return self._command(device, "place", who, "", placement)

@@ -1,6 +1,7 @@
 """Table [dashboard] of a ward's file: the address of the page, and the people who may give commands.
 
-The router's rules decide which programs may give commands; docs/security.md describes both.
+The router's rules decide which programs may give commands; docs/security.md describes the rights of people
+and of programs.
 """
 
 import re

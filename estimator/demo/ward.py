@@ -86,7 +86,7 @@ class Ward:
         self._environment: dict[str, dict[str, str]] = {}
 
     def add(self, name: str, *arguments: str) -> None:
-        """Add a process that runs `truerate` with some arguments; `start` starts it. name: name of the process."""
+        """Add a process that runs `truerate` with the given arguments; `start` starts it. name: name of the process."""
         self._arguments[name] = arguments
 
     def configure(self, name: str, config: Path, environment: dict[str, str]) -> None:

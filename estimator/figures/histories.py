@@ -50,8 +50,8 @@ def history(
     of: the history to draw. path: image file to write. zone: time zone of the times shown.
     words: False draws only numbers, units and axes, for a page with its own explanation.
     dark: True for a dark page. narrow: True for a phone.
-    Vertical lines mark boots and calibrations. No line connects one boot to the next. An interval far wider than usual, as
-    at a boot's first point, is cut off by the edge of the figure; the label says so.
+    Vertical lines mark boots and calibrations. No line connects one boot to the next. An interval far wider than usual,
+    as at a boot's first point, is cut off by the edge of the figure; the label says so.
     """
     warm = any(np.isfinite(boot.temperature_c).any() for boot in of.biases)
     with _COLOURING, mpl.rc_context(_DARK if dark else {}):
