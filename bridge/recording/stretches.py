@@ -134,7 +134,10 @@ class Recorded:
         return sorted(made, key=lambda one: one.time_ns)
 
     def only(self, devices: Sequence[str]) -> "Recorded":
-        """Return only the content about the given devices. devices: ids. Raises RecordingError for a device without samples."""
+        """Return only the content about the given devices.
+
+        devices: ids. Raises RecordingError for a device without samples.
+        """
         for device in devices:
             if device not in self.stretches:
                 raise RecordingError(f"no samples of --device {device!r}; choose from {', '.join(self.stretches)}")

@@ -29,7 +29,7 @@ _AHEAD_NS = _ahead_ns()
 
 
 def now_ns() -> int:
-    """Return the steady time, ns since the Unix epoch.
+    """Return the time of a steady clock, ns since the Unix epoch.
 
     The time equals that of the host's clock when this program started, and is not affected when the host's clock is set
     afterwards.

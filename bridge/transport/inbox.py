@@ -13,7 +13,7 @@ _AT_ONCE_BYTES = 65_535
 class Received(NamedTuple):
     """Message as received: data, receive time and sender.
 
-    receive_time_ns: steady time of the host, ns since the Unix epoch. sender: None where the transport gives none.
+    receive_time_ns: by `host_time.now_ns`, ns since the Unix epoch. sender: None where the transport gives none.
     """
 
     data: bytes

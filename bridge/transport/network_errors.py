@@ -7,7 +7,7 @@ from bridge.reasons.codes import Code, Sentence
 
 
 def cause(error: OSError, place: str) -> Sentence:
-    """Return a sentence on why a connection could not be made, or a port not be opened for listening.
+    """Return a sentence on why a connection could not be made, or why a port could not be opened for listening.
 
     error: raised by the attempt. place: the address, for the sentence.
     """

@@ -287,8 +287,8 @@ class Owned:
     """List of the devices that an estimator owns (alone processes), published in `parts` messages.
 
     part: number of this message, from 0. load: processor time used by the estimator's process, s per s.
-    time_ns: ns since the Unix epoch. epoch: highest epoch that the estimator has received or used. holdings: the devices.
-    moves: latest changes of the list.
+    time_ns: ns since the Unix epoch. epoch: highest epoch that the estimator has received or used.
+    holdings: the devices. moves: latest changes of the list.
     """
 
     estimator: str

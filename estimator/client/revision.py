@@ -16,7 +16,7 @@ SAME_TIME_NS = 1_000_000_000
 def revised(batch: CorrectedBatch, revision: BiasRevision) -> CorrectedBatch:
     """Return a batch with its rates recomputed from the revised bias, for the samples that the revision covers.
 
-    Other samples stay unchanged; a batch without covered samples is returned itself.
+    Other samples stay unchanged; a batch without covered samples is returned unchanged.
     Method: rate + matrix (published bias − revised bias), in rad/s, sensor frame. The revised bias is interpolated
     linearly between the points of the revision.
     The result's `bias` (3,) is the mean bias of its samples, its `bias_std` (3,) the largest standard deviation, rad/s.

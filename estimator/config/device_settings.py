@@ -1,4 +1,4 @@
-"""Conversion of a device's noise model to the estimator's settings for it: stillness, prior and tracking."""
+"""Conversion of a device's noise model to the estimator's settings: rest detection, prior and bias tracking."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -101,7 +101,7 @@ class Treatment:
 
 
 def treatment(told: "Estimator | None") -> Treatment:
-    """Return the device settings that follow from an [estimator] table, as its estimator uses them.
+    """Return the estimator's settings for the devices of a ward, from the [estimator] table of the ward's file.
 
     told: the table; None for the defaults.
     """
