@@ -47,7 +47,8 @@ class PerSample:
     def take(self, said: Said, now_s: float) -> Iterator[Copy]:
         """Process a decoded message; yields the copies of samples that are ready.
 
-        said: the message. now_s: time of a steady clock, s. A corrected sample waits up to 0.5 s for its orientation.
+        A corrected sample waits for its acceleration and orientation, at most 0.5 s.
+        said: the message. now_s: time of a steady clock, s.
         """
         new = self._new(said) if isinstance(said, SampleBatch | CorrectedBatch) else None
         joined = new if isinstance(said, CorrectedBatch) else said
@@ -57,7 +58,7 @@ class PerSample:
             yield from self._copies("raw", [reading_rows(new)])
 
     def due(self, now_s: float = inf) -> Iterator[Copy]:
-        """Yield the copies of corrected samples that have waited 0.5 s for an orientation, without one.
+        """Yield the copies of corrected samples that have waited 0.5 s for their acceleration and orientation.
 
         now_s: time of a steady clock, s; by default infinite, which yields all waiting samples.
         """
