@@ -1,7 +1,8 @@
 """Driver for Movella (Xsens) DOT sensors, over Bluetooth Low Energy.
 
 The sensor measures only on command. The driver sets the output data rate, starts the measurement with a payload that
-contains angular rates, and starts it again after a silence. Source: Movella DOT BLE Service Specification, XD0506P.
+contains angular rates. After 3 s without samples, it starts the measurement again.
+Source: Movella DOT BLE Service Specification, XD0506P.
 """
 
 import struct
@@ -95,7 +96,7 @@ class MovellaDotDecoder:
     """Decoder of a Movella DOT's values, which arrive in frames of `bridge.framing.gatt_values`.
 
     The decoder also sends the commands that set the output data rate and start the measurement. Without options, and
-    for a file, it sends nothing.
+    if the port is a file, it sends nothing.
     """
 
     def __init__(self, options: MovellaDotOptions | None = None) -> None:
@@ -116,7 +117,7 @@ class MovellaDotDecoder:
         self._begin()
 
     def feed(self, data: bytes, receive_time_ns: int) -> list[Event]:
-        """Decode received bytes; return the completed events, in order.
+        """Decode received bytes; return the events (identities, readings and others) that they complete, in order.
 
         receive_time_ns: receive time of the last byte, ns since the Unix epoch (`host_time.now_ns`).
         After 3 s without samples, the commands that start the measurement are queued again.
@@ -135,7 +136,7 @@ class MovellaDotDecoder:
         return self._assembly.finish()
 
     def to_send(self) -> bytes:
-        """Return the bytes of the next command to the device, which are returned once; b"" if there is none."""
+        """Return the bytes of the next command to the device, each command once; b"" if there is none."""
         return self._requests.command()
 
     def _begin(self) -> None:

@@ -3,8 +3,9 @@
     message    FA FF kind length data sum          length FF: two more bytes give the length
     item       identifier[2] length data           the identifier's low nibble is the number format
 
-All bytes of a message but the first add up to 0 modulo 256. After damage, bytes are dropped one at a time until a
-message is found. Source: MT Low Level Communication Protocol Documentation, MT0101P.
+FA and FF are bytes in hexadecimal. kind, length and sum are one byte each; a length counts the bytes of data. All bytes
+of a message but the first add up to 0 modulo 256. After damage, bytes are dropped one at a time until a message is
+found. Source: MT Low Level Communication Protocol Documentation, MT0101P.
 """
 
 import math

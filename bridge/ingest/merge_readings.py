@@ -1,4 +1,7 @@
-"""Merges consecutive readings of one device before the intake, whose cost per call hardly depends on the size. No I/O."""
+"""Merges consecutive readings of one device, so that the intake needs fewer calls. No I/O.
+
+The time of such a call hardly depends on the number of samples.
+"""
 
 from collections.abc import Iterable
 
