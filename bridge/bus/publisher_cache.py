@@ -70,7 +70,7 @@ class Cache:
         self._put_s = 0.0
 
     def stamp(self, number: int) -> bytes:
-        """Return the 20-byte attachment (publisher identity and message number) for the message with this number."""
+        """Return the 20-byte attachment of the message with this number: session id, publisher number, message number."""
         return self._identity + number.to_bytes(STAMP_BYTES - IDENTITY_BYTES, "big")
 
     def keep(self, payload: bytes) -> None:

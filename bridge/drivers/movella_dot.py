@@ -39,8 +39,8 @@ _CODEC = Codec(gatt_values.encode, gatt_values.decode)
 class Payload(NamedTuple):
     """Data format of a DOT sensor that contains angular rates: measurement mode and BLE characteristic.
 
-    gyro, accel: byte offsets of the angular rate (3 float32, °/s) and of the acceleration (3 float32, m/s²); accel is
-    None if the payload has none.
+    gyro, accel: byte offsets of the angular rate (3 float32: x, y, z, °/s) and of the acceleration (3 float32: x, y, z,
+    m/s²); all are little-endian. accel is None if the payload has no acceleration that can be used.
     """
 
     mode: int

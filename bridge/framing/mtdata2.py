@@ -42,9 +42,9 @@ class Data(NamedTuple):
     """Content of an MTData2 message that truerate uses; None for an item that the message lacks. Vectors in the sensor frame.
 
     gyro (3,): rad/s. accel (3,): m/s². celsius: °C. counter: message counter, 16 bits.
-    time: device time, 32 bits, in units of 0.1 ms. gyro_clipped: True if the device reports an axis beyond its range.
-    turned (3,): rotation vector of the orientation increment Δq, rad. sped (3,): velocity increment Δv, m/s. Both are
-    over the time since the previous message.
+    time: device time, 32 bits, in units of 0.1 ms; wraps. gyro_clipped: True if the device reports an axis beyond its
+    range. turned (3,): rotation vector of the orientation increment Δq, rad. sped (3,): velocity increment Δv, m/s.
+    Both are over the time since the previous message.
     raw: True if the message carries unscaled sensor counts.
     """
 
