@@ -40,7 +40,7 @@ class Routers(Sequence[str]):
         return faults(self.identity, datetime.now(UTC))
 
     def lasts(self) -> Validity | None:
-        """Return the validity period of the certificate in the chain that expires first.
+        """Return the validity period of the certificate that expires first in this program's certificate chain.
 
         None without certificates, or if a file is unreadable.
         """

@@ -1,7 +1,7 @@
 """Driver for Movella (Xsens) DOT sensors, over Bluetooth Low Energy.
 
-The sensor measures only on command. The driver sets the output data rate, starts the measurement with a payload that
-contains angular rates. After 3 s without samples, it starts the measurement again.
+The sensor measures only on command. The driver sets the output data rate, and starts the measurement with a payload
+that contains angular rates. After 3 s without samples, it starts the measurement again.
 Source: Movella DOT BLE Service Specification, XD0506P.
 """
 
@@ -110,7 +110,7 @@ class MovellaDotDecoder:
         self.opened()
 
     def opened(self) -> None:
-        """Reset for a newly opened connection, and queue the commands that start the measurement."""
+        """Reset the decoder for a newly opened connection, and queue the commands that start the measurement."""
         self._values = GattValues(self.faults)
         self._assembly.opened()
         self._heard_ns = 0

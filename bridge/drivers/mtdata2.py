@@ -70,7 +70,7 @@ class MtData2Decoder:
         self.opened()
 
     def opened(self) -> None:
-        """Reset for a newly opened port, and query the device again if configured."""
+        """Reset the decoder for a newly opened port, and query the device again if its options ask for it."""
         self._messages.opened()
         self._assembly.opened()
         self._counter: int | None = None

@@ -43,7 +43,7 @@ class NativeDecoder:
         self.opened()
 
     def opened(self) -> None:
-        """Reset for a newly opened port, and request the device's identity."""
+        """Reset the decoder for a newly opened port, and request the device's identity."""
         self._ask = True
         self._deframer = Deframer()
         self._deframer.faults = self.faults

@@ -72,7 +72,7 @@ class Shimmer3Decoder:
         self.opened()
 
     def opened(self) -> None:
-        """Reset for a newly opened port; queue the queries and the start of the stream again."""
+        """Reset the decoder for a newly opened port; queue the queries and the start of the stream again."""
         self._frames.opened()
         self._assembly.opened()
         self._heard_ns = self._battery_ns = 0

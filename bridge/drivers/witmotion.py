@@ -37,7 +37,7 @@ class Word(StrEnum):
 class WitMotionOptions(StreamOptions, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Options of a WitMotion sensor. Raises ValueError for an invalid option.
 
-    rate_hz: output data rate to set, Hz; the device is then also set to send its time. 0 leaves the device as it is.
+    rate_hz: output data rate to set, Hz; the device is then also set to send timestamps. 0 leaves the device as it is.
     keep_settings: True changes and queries nothing; rate_hz is then the rate that the device is known to send.
     temperature: frame in which this model sends the temperature.
     """
@@ -81,7 +81,7 @@ class WitMotionDecoder:
         self.opened()
 
     def opened(self) -> None:
-        """Reset for a newly opened port; the device will be queried again."""
+        """Reset the decoder for a newly opened port; the device will be queried again."""
         self._frames.opened()
         self._cycles.opened()
         self._assembly.opened()

@@ -62,7 +62,7 @@ class Ximu3Decoder:
         self.opened()
 
     def opened(self) -> None:
-        """Reset for a newly opened port, and query the device again."""
+        """Reset the decoder for a newly opened port, and query the device again."""
         self._lines.opened()
         self._assembly.opened()
         self._ask()

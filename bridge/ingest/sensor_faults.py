@@ -97,7 +97,7 @@ class Repeats:
         return self._needed
 
     def seen(self, time_s: Floats, gyro: Floats) -> Bools:
-        """Return a mask (n,), True for stuck samples, of the next readings.
+        """Return a mask (n,) for the next n readings, True for stuck ones.
 
         gyro (n, 3): rad/s. time_s (n,): device time, s. The sensor's noise is estimated from blocks of one second of
         device time. So the flags do not depend on how the readings are split into calls.
@@ -214,8 +214,8 @@ class Warmth:
     def leapt(self, time_s: Floats, temperature_c: Floats) -> Bools:
         """Return a mask (n,), True for implausible temperatures. temperature_c (n,): °C. time_s (n,): device time, s.
 
-        Implausible: more than 2 K + (1 K/s) t away from the last accepted temperature, where t is the time since then,
-        s. So a lasting change is accepted after some time.
+        A temperature is implausible if it differs from the last accepted one by more than 2 K + t · 1 K/s. t is the
+        time in s since the last accepted one. So a lasting change is accepted after some time.
         """
         at_s, believed_c = self._believed or (float(time_s[0]), float(temperature_c[0]))
         leaps = np.zeros(len(temperature_c), bool)

@@ -62,7 +62,10 @@ class Node:
 
 
 def gid(token: str) -> bytes:
-    """Return the global id of a publisher, 16 bytes: the 128-bit XXH3 hash of its token, little-endian."""
+    """Return the global id of a publisher, 16 bytes: the 128-bit XXH3 hash of its token, little-endian.
+
+    token: key of the publisher's liveliness token, from `Node.publisher_token`.
+    """
     from xxhash import xxh3_128_intdigest  # noqa: PLC0415 - optional extra
 
     return xxh3_128_intdigest(token.encode()).to_bytes(_GID_BYTES, "little")
