@@ -80,8 +80,9 @@ class BucketError(OSError):
 class Bucket:
     """Client for a ward's folder in a bucket of S3-compatible storage: lists, uploads and downloads objects.
 
-    Object names are relative to the ward's folder. Methods raise BucketError if a request fails.
-    The constructor raises ConfigError if the package obstore or the access keys are missing.
+    settings: the table [s3] of the ward file. ward: id of the ward, which is the name of the folder. Object names are
+    relative to the ward's folder. Methods raise BucketError if a request fails. The constructor raises ConfigError if
+    the package obstore or the access keys are missing.
     """
 
     def __init__(self, settings: S3, ward: str) -> None:

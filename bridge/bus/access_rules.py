@@ -1,12 +1,14 @@
 """Access rules for a zenoh router: which bus keys each role may publish, subscribe to and query. No I/O.
 
-Everything without a rule is denied. Only a commander may start a recalibration, and the dashboard acts as a commander
-for its users; see docs/security.md.
+Everything without a rule is denied. Only a program with the role `commander` may start a recalibration. The dashboard
+has this role on the bus and acts for its users; see docs/security.md.
 
-zenoh identifies a member by the exact common name of its certificate, so the rules name every member. zenoh denies
-silently: a subscription wider than its rule receives nothing. Publishers with a cache answer queries
-on keys `KEY/@adv/**`. Advanced publishers of other zenoh programs also announce themselves and send heartbeats there. The
-wildcard `**` does not match the chunk `@adv`, so the rules name these keys as well.
+A member is a program with a certificate. zenoh identifies it by the exact common name of the certificate, so the rules
+name every member. zenoh denies silently: a subscription wider than its rule receives nothing.
+
+A publisher on KEY that has a cache answers queries on keys `KEY/@adv/**`. Advanced publishers of other zenoh programs
+also announce themselves and send heartbeats on these keys. The wildcard `**` does not match the chunk `@adv`, so the
+rules name these keys as well.
 """
 
 from collections.abc import Sequence

@@ -28,9 +28,10 @@ class Publisher(Protocol):
     """Publisher of messages on one bus key; the key has no wildcards."""
 
     def put(self, payload: bytes) -> None:
-        """Send one message. A slow subscriber delays the call briefly at most.
+        """Send one message. Raises BusError after close.
 
-        Raises BusError after close.
+        payload: bytes of the message. A subscriber that does not read delays the call by about 0.1 s at most; then the
+        router disconnects it.
         """
 
     @property

@@ -88,7 +88,7 @@ def _threads() -> Iterator[None]:
 def endpoints_of(said: Sequence[str] | dict[str, Sequence[str]]) -> tuple[str, ...]:
     """Return a router's endpoints from zenoh's setting `endpoints`: a list, or a dict with one list per zenoh mode.
 
-    Of a dict, the list of the mode `router` is returned.
+    said: value of the setting. Of a dict, the list of the mode `router` is returned.
     """
     return tuple(said.get("router", ())) if isinstance(said, dict) else tuple(said)
 

@@ -62,8 +62,8 @@ class GapDetector(Generic[_T]):
     def take(self, source: Source, number: int, message: _T, now_s: float) -> Sequence[_T]:
         """Add one live message with its number; return the messages to deliver now.
 
-        A repeated message is dropped. A message waits while earlier numbers are missing. now_s: seconds, monotonic
-        clock.
+        A repeated message is dropped. A message waits while earlier numbers are missing. source: the publisher.
+        number: the publisher's number of the message. now_s: seconds of a monotonic clock.
         """
         state = self._state(source)
         if number < state.next:
@@ -81,7 +81,7 @@ class GapDetector(Generic[_T]):
     def heard(self, source: Source, number: int, now_s: float) -> None:
         """Add the number of a publisher's newest message, as its cache reports it, to detect that the last message was lost.
 
-        now_s: seconds of a monotonic clock.
+        source: the publisher. now_s: seconds of a monotonic clock.
         """
         state = self._state(source)
         state.newest = max(state.newest, number)
@@ -90,7 +90,7 @@ class GapDetector(Generic[_T]):
     def history(self, source: Source, found: Mapping[int, _T], now_s: float) -> Sequence[_T]:
         """Add messages that a publisher sent before the subscription began; return the messages to deliver now.
 
-        found: messages from the publisher's cache, by message number. now_s: seconds of a monotonic clock.
+        source: the publisher. found: messages from its cache, by message number. now_s: seconds of a monotonic clock.
         """
         state = self._state(source)
         ready = self._fill(source, state, found)
@@ -112,9 +112,9 @@ class GapDetector(Generic[_T]):
     def answered(self, source: Source, found: Mapping[int, _T], now_s: float) -> Sequence[_T]:
         """Add the answer of a publisher's cache to the query about a gap; return the messages to deliver now.
 
-        found: cached messages by message number; empty if the publisher was unreachable. An unreachable publisher is
-        queried again after a pause. After PATIENCE_S (30) seconds without progress, the missing messages count as missed.
-        now_s: seconds of a monotonic clock.
+        source: the publisher. found: cached messages by message number; empty if the publisher was unreachable. An
+        unreachable publisher is queried again after a pause. After PATIENCE_S (30) seconds without progress, the
+        missing messages count as missed. now_s: seconds of a monotonic clock.
         """
         state, before = self._state(source), self._state(source).next
         ready = self._fill(source, state, found)

@@ -120,8 +120,8 @@ class GapRepair:
     def past(self, place: str, what: str = "") -> handlers.Handler[zenoh.Reply]:
         """Query publishers' caches; return the zenoh channel that receives the replies, for at most PAST_S (2) seconds.
 
-        place: key or pattern of the publishers, followed by `/@adv/SESSION`. what: query parameters, as listed in
-        `publisher_cache`; "" for all messages.
+        place: `KEY/@adv/SESSION`. KEY is the publishers' key or key pattern, SESSION a session id in hexadecimal or
+        `*`. what: query parameters, such as `most=10`, as listed in `publisher_cache`; "" for all messages.
         """
         return self._session.get(
             f"{place}?{what}",

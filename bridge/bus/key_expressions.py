@@ -1,7 +1,7 @@
 """Key expressions: validation of bus keys and key patterns, and matching of a pattern against a key.
 
-The accepted keys are a subset of zenoh's. zenoh also accepts newlines, quotes and 65,000 characters, and a longer key
-makes a zenoh session unusable.
+Fewer keys are accepted here than by zenoh. zenoh also accepts newlines, quotes and keys of up to 65,000 characters, and
+a longer key makes the zenoh session unusable.
 """
 
 import functools
@@ -30,7 +30,7 @@ def check_key(key: str) -> str:
 def check_pattern(pattern: str) -> str:
     """Validate a key pattern and return it. A whole chunk may be `*` (one chunk) or `**` (any number of chunks).
 
-    Raises BusError for an invalid pattern, and for one that is not in its shortest form.
+    Raises BusError for an invalid pattern, and for `**/**` and `**/*`, whose standard forms are `**` and `*/**`.
     """
     _check(pattern, _PATTERN, "a pattern is a key in which a whole chunk may be * or **, without $ ? #")
     if _NOT_CANONICAL.search(pattern):

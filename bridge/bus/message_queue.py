@@ -112,7 +112,7 @@ class MessageQueue:
 def newest_last(pasts: Iterable[Sequence[Message]]) -> list[Message]:
     """Merge lists of messages into one list that ends with the newest message of every key.
 
-    The second newest message of every key comes before, and so on. The messages of each key stay in order.
+    Example for the keys a and b: a1, a2, b2, a3, b3, with 3 for the newest. The messages of each key stay in order.
     pasts: lists that are not empty, each with messages of one key, oldest first.
     """
     by_key: dict[str, list[Message]] = {}

@@ -1,4 +1,4 @@
-"""English description of missed bus messages by stream, with the stream of most losses first. No I/O."""
+"""English description of missed bus messages by stream: messages of one kind from one device. No I/O."""
 
 from collections import Counter
 from collections.abc import Mapping
@@ -12,6 +12,7 @@ _NAMED = 3
 def describe_missed(by_key: Mapping[str, int]) -> str:
     """Describe missed messages as one English text, by stream; "" if none are missed.
 
+    A stream is the messages of one kind from one device; the stream with the most losses comes first.
     by_key: number of missed messages by bus key.
     Example: '17 messages missed on the bus: 9 status of chest, 5 raw of wrist, 3 of 2 other streams'.
     """

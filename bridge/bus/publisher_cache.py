@@ -1,18 +1,20 @@
 """Publisher cache: numbers messages and keeps the last ones, for late subscribers and for gap repair.
 
-Each message carries an attachment of 20 bytes: session (8, random), publisher number in the session (4), and message
+Each message carries an attachment of 20 bytes: session id (8, random), publisher number in the session (4), and message
 number (8). Both numbers count from 0 and are big-endian.
 
 A cache answers queries on `KEY/@adv/SESSION` with one reply per message. KEY is a key or pattern; SESSION is the
-session's bytes in hexadecimal, or `*`. A member with the right to publish KEY may answer below `@adv`, and a member
-with the right to subscribe to KEY may query there. A query without parameters returns all messages. The parameters are:
+session id in hexadecimal, or `*`. A program with the right to publish on KEY may answer on these keys. A program with
+the right to subscribe to KEY may send queries there. A query without parameters returns all messages. The parameters
+are:
 
 - `most=N`: the last N messages of each publisher
 - `publisher=P;from=N`: the messages of publisher P from number N on
 - `last=S`: the number of the newest message, in a reply without payload, if this message is 1.5 to S seconds old
 
-A session declares one zenoh queryable for all keys that differ only in the last chunk, `PLACE/*/@adv/SESSION`. The
-router's access rules allow this queryable for every kind of message except `owned`.
+A session declares one zenoh queryable, `PLACE/*/@adv/SESSION`, for all its keys that differ only in the last chunk.
+PLACE is such a key without its last chunk. The router's access rules allow this queryable for all kinds of messages in
+`bridge.wire.keys` except `owned`.
 """
 
 import time
@@ -44,7 +46,7 @@ class Source(NamedTuple):
 
     @property
     def place(self) -> str:
-        """Key `KEY/@adv/SESSION` on which this publisher's cache answers queries."""
+        """Key on which this publisher's cache answers queries: `KEY/@adv/SESSION`, with the session id in hexadecimal."""
         return f"{self.key}/{HISTORY}/{self.identity[:SESSION_BYTES].hex()}"
 
     @property
@@ -56,7 +58,7 @@ class Source(NamedTuple):
 class Cache:
     """Cache of the last `size` messages of one publisher, and the counter of its message numbers.
 
-    session: 8 random bytes of the session. publisher: number of the publisher in the session.
+    key: the publisher's key. session: 8 random bytes of the session. publisher: number of the publisher in the session.
     next: number of the next message, from 0.
     """
 
@@ -68,7 +70,7 @@ class Cache:
         self._put_s = 0.0
 
     def stamp(self, number: int) -> bytes:
-        """Return the 20-byte attachment (publisher identity and message number) for the message with this number."""
+        """Return the 20-byte attachment of the message with this number: session id, publisher number, message number."""
         return self._identity + number.to_bytes(STAMP_BYTES - IDENTITY_BYTES, "big")
 
     def keep(self, payload: bytes) -> None:

@@ -30,8 +30,8 @@ _SHORT = 80  # characters; longer values are not shown
 class RouterFile:
     """Content of a router's zenoh configuration file, and the faults found in it.
 
-    listen: endpoints to listen on. join: endpoints of other routers to connect to. identity: paths of the certificate
-    files; None without TLS.
+    path: the file. listen: endpoints to listen on. join: endpoints of other routers to connect to. identity: paths of
+    the certificate files; None without TLS.
     places: pairs (ward, common name), one for each member in the access rules. faults: sentences; empty if there are
     none.
     """

@@ -18,7 +18,7 @@ _SELDOM_S = 12 * 3600.0
 class RouterWatch:
     """Logs the loss and the return of the router, and warns when this program's certificate expires soon.
 
-    routers: router endpoints and this program's certificate.
+    routers: router endpoints and this program's certificate. log: logger to write to.
     """
 
     def __init__(self, log: logging.Logger, routers: Routers | None = None) -> None:

@@ -40,7 +40,10 @@ class Routers(Sequence[str]):
         return faults(self.identity, datetime.now(UTC))
 
     def lasts(self) -> Validity | None:
-        """Return the validity period of the first certificate in the chain to expire; None without a readable certificate."""
+        """Return the validity period of the certificate that expires first in this program's certificate chain.
+
+        None without certificates, or if a file is unreadable.
+        """
         if self.identity is None:
             return None
         from bridge.pki.certificate_checks import lasts  # noqa: PLC0415 - as above
@@ -59,7 +62,10 @@ class Routers(Sequence[str]):
         return [f"{self.identity.certificate}: {ending}: renew it (truerate pki renew --soon)"]
 
     def why_away(self) -> list[str]:
-        """Return possible reasons, in words, why no router can be reached any longer; [] without a certificate."""
+        """Return why the connection to every router may have been lost: faults of the certificate, else other causes.
+
+        Each reason is a text. [] without a certificate.
+        """
         if self.identity is None:
             return []
         return self.faults() or [

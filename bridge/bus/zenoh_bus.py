@@ -74,7 +74,7 @@ class ZenohBus:
             return Publisher(self, made, key, self._repair.keep(key, cache) if cache > 0 else None)
 
     def forget(self, declared: Declared) -> None:
-        """Release the reference to a closed handle; if the handle is a publisher with a cache, drop the cache."""
+        """Remove a closed handle from the session's open handles; if it is a publisher with a cache, drop the cache."""
         self.declared.discard(declared)
         if isinstance(declared, Publisher) and declared.cache is not None:
             self._repair.forget(declared.cache)

@@ -55,8 +55,9 @@ def client(endpoints: Sequence[str], identity: Identity | None = None) -> Settin
 
 
 def router(listen: Sequence[str], shed: Sequence[str]) -> Settings:
-    """Return zenoh settings for a router that listens on endpoints and drops idle connections (SECURITY.md, T7).
+    """Return zenoh settings for a router that listens on the endpoints `listen`.
 
+    The router closes a connection on which no zenoh session opens within ACCEPT_S (2) seconds (SECURITY.md, T7).
     shed: key patterns on which a slow reader loses messages instead of delaying other readers.
     """
     settings = _common(CUT_OFF_S, ROUTER_LEASE_S) | {

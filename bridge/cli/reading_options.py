@@ -8,8 +8,9 @@ from bridge.toml.loader import ConfigError
 
 
 def add_reading(verb: argparse.ArgumentParser, *, device: bool = True) -> None:
-    """Add command-line options for what a recording's file lacks: sample rate, units, columns and boot.
+    """Add command-line options for properties that a recording's file lacks, such as sample rate, units and columns.
 
+    The option `--boot` chooses one boot: the samples from one power-up of the device to the next.
     `reading_of` returns the parsed options. device: True also adds the option that chooses one device of a file with
     several.
     """

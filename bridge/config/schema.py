@@ -49,7 +49,7 @@ def check(text: object, what: str) -> str:
 def check_endpoints(endpoints: Sequence[str], key: str) -> tuple[str, ...]:
     """Validate zenoh endpoints PROTOCOL/HOST:PORT and return them as a tuple.
 
-    key: key of the file or command-line option, with which the error message begins.
+    key: name of the setting or command-line option, with which the error message begins.
     Raises ValueError for an invalid endpoint, for two equal endpoints, or if there is no endpoint.
     """
     if not endpoints:
@@ -249,7 +249,8 @@ class Device:
 class Bridge(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Table [bridge] of the ward file: id, publishing interval, health address and devices of a bridge.
 
-    Raises ValueError for an invalid value, and for two devices with the same id or the same port.
+    batch_ms: publishing interval, ms. health: `HOST:PORT` of the server for health and metrics; "" for none. Raises
+    ValueError for an invalid value, and for two devices with the same id or the same port.
     """
 
     #: name of the bridge in keys and certificates

@@ -28,10 +28,16 @@ def ok(check: str, said: str) -> Finding:
 
 
 def warning(check: str, said: str, do: str) -> Finding:
-    """Create a finding of level WARNING: works now but may fail. said: observation in words. do: advice."""
+    """Create a finding of level WARNING: works now but may fail.
+
+    check: name of the check. said: observation in words. do: advice.
+    """
     return Finding(check, Level.WARNING, said, do)
 
 
 def trouble(check: str, said: str, do: str) -> Finding:
-    """Create a finding of level TROUBLE: does not work. said: observation in words. do: advice."""
+    """Create a finding of level TROUBLE: does not work.
+
+    check: name of the check. said: observation in words. do: advice.
+    """
     return Finding(check, Level.TROUBLE, said, do)

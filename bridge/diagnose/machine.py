@@ -38,9 +38,10 @@ def clock_status() -> int | None:
 
 
 def clock(status: int | None) -> list[Finding]:
-    """Check if the machine's clock is synchronised; recordings and machines are aligned by this clock.
+    """Check if the machine's clock is synchronised with another clock. Returns one finding.
 
-    status: result of `clock_status`. Returns one finding.
+    The times of recordings from different machines are comparable only if their clocks agree.
+    status: result of `clock_status`.
     """
     if status is None:
         return [warning("clock", "its synchronisation is unknown", "see `timedatectl`")]

@@ -28,7 +28,7 @@ Say = Callable[[str], None]
 class Verdict:
     """Result of probing a port: the best guess of the protocol, or None, and the baud rate.
 
-    baud: bits per second; 0 if unknown, or if the port has no baud rate.
+    found: the port. baud: bits per second; 0 if unknown, or if the port has no baud rate.
     words: why there is no guess, or other matching protocols, and advice; may be "".
     """
 

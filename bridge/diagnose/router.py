@@ -16,7 +16,8 @@ _RENEW = "on the authority's machine: truerate pki renew --soon; then copy the .
 def renewal(path: Path | None, ward: str) -> str:
     """Return in words how to renew a certificate of a ward. path: the ward file; None if unknown.
 
-    The text is the command `truerate init ...` if the folder of the ward file holds that command's certificate authority.
+    The text is a command `truerate init ...` if the ward file's folder holds the authority that `truerate init`
+    created. Otherwise, it says to renew the certificate on the authority's machine and to copy it.
     """
     if path is None or not (path.parent / "authority").is_dir():
         return _RENEW
@@ -27,7 +28,7 @@ def renewal(path: Path | None, ward: str) -> str:
 def certificate(routers: Routers, renew: str = _RENEW) -> Iterator[Finding]:
     """Check if this program's certificate is valid, or expires soon. Yields no finding without certificates.
 
-    routers: gives the certificate. renew: advice if it expires soon.
+    routers: router endpoints with the certificate to check. renew: advice if it expires soon.
     """
     lasts = routers.lasts()
     if wrong := routers.faults():

@@ -32,7 +32,7 @@ def table(verdicts: Iterable[Verdict]) -> Columns:
 def snippet(verdicts: Sequence[Verdict], taken: Container[str] = ()) -> str:
     """Return the [[bridge.devices]] tables (TOML) of the recognised devices; "" if there are none.
 
-    taken: device ids already in use.
+    The device ids are `device-1`, `device-2` and so on, without those in `taken`. taken: device ids already in use.
     """
     blocks = []
     free = (name for name in (f"device-{number}" for number in itertools.count(1)) if name not in taken)

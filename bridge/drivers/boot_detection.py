@@ -1,4 +1,7 @@
-"""Boot detection for devices without boot numbers, by jumps of the device's clock or by the device's own report."""
+"""Boot detection, by jumps of the device's clock or by its own report, for devices that send no boot number.
+
+A boot is the time from one power-up or restart of a device to the next.
+"""
 
 import secrets
 from collections.abc import Callable
@@ -19,14 +22,15 @@ _SILENT, _CHANCE = 0.1, 0.005
 
 
 def draw_boot() -> int:
-    """Return a random 64-bit boot number."""
+    """Return a random 64-bit number to identify a new boot of a device (the time from one restart to the next)."""
     return secrets.randbits(64)
 
 
 class Time(Enum):
     """Classification of a sample's device time: continues the current boot, is implausible (ODD), or begins a new boot.
 
-    A sample with an implausible time is ignored. Three such samples in a row that agree are accepted from the third on.
+    A sample with an implausible time is to be ignored. If three such samples in a row agree with each other, the third
+    is accepted.
     """
 
     GOES_ON = auto()
@@ -55,8 +59,9 @@ class BootDetector:
     each opening of the port begins a new boot.
     If a boot were missed, an old calibration would be applied to a restarted sensor, which is dangerous. A boot
     detected by mistake only costs a calibration. So the detector prefers a new boot in doubt.
-    A boot that follows a boot of under two seconds may stay undetected: its clock steps back as little as the clock
-    of datagrams received out of order. A device whose clock continued while its port was closed stays in the same boot.
+    If a device restarts within two seconds of power-up, the new boot may stay undetected. Its clock then steps back no
+    further than between datagrams received out of order.
+    A device whose clock continued while its port was closed stays in the same boot.
     """
 
     def __init__(self, tick_period_s: float | None, tick_bits: int = 64, draw: Callable[[], int] = draw_boot) -> None:

@@ -29,9 +29,9 @@ class Decoder(Protocol):
         """Report that the port was opened (again): drop unfinished frames; the device may have rebooted."""
 
     def feed(self, data: bytes, receive_time_ns: int) -> list[Event]:
-        """Decode received bytes; return the completed events, in order.
+        """Decode received bytes; return the events (identities, readings and others) that they complete, in order.
 
-        receive_time_ns: receive time of the last byte, ns since the Unix epoch (`host_time.now_ns`).
+        data: the bytes. receive_time_ns: receive time of the last byte, ns since the Unix epoch (`host_time.now_ns`).
         Also called without bytes, so that the decoder notices that time passes.
         """
 
@@ -40,7 +40,7 @@ class Decoder(Protocol):
         return b""
 
     def finish(self) -> list[Event]:
-        """End the stream: return the events of samples held back until more was known about the device."""
+        """End the stream: return the events of samples that the decoder held back, such as until it knows their rate."""
         return []
 
 
@@ -110,7 +110,7 @@ class StreamDriver:
         return events
 
     def unread(self) -> list[Chunk]:
-        """Return the chunks received since the decoder's last event, to tell the user what undecodable data came.
+        """Return the chunks received since the decoder's last event, to show the user what could not be decoded.
 
         At most the latest 256 chunks are kept, with the last 1024 bytes of each. Call it in the reading thread only.
         """

@@ -28,7 +28,8 @@ _NS_A_BYTE, _ROUNDS, _SETTLED_NS = 100_000, 8, 1_000_000_000_000
 def load_capture(path: Path, driver: str, profile: str, reading: Reading) -> Recording:
     """Decode a capture (file of a device's raw bytes) to a recording of one boot, by a driver or by a text profile.
 
-    driver, profile: names, of which one is "". reading: properties missing in the file, such as sample rate and boot.
+    A boot is the time from one power-up or restart of the device to the next. driver, profile: names, of which one is
+    "". reading: properties that the file lacks, such as the sample rate in Hz, and which boot to read.
     Raises RecordingError if the file is unreadable, too large, without samples, or lacks a sample rate.
     Raises ConfigError for an unknown driver or profile.
     """

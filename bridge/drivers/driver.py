@@ -1,6 +1,7 @@
 """Driver interface: a driver converts a device's data to events, over any transport.
 
-A driver opens its device, reads it and closes it. `bridge.ingest.intake` handles clocks and gaps; drivers know no bus.
+A driver opens its device, reads it and closes it. `bridge.ingest.intake` handles clocks and gaps. Drivers do not use
+the message bus.
 """
 
 from collections.abc import Callable, Sequence
@@ -18,13 +19,14 @@ from bridge.wire.refusal import Tally
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """Identity of a device: boot number, model, sample rate, measuring range. Sent at each boot, and repeated at any time.
+    """Identity of a device: boot number, model, sample rate, measuring range. Sent at each boot; may be repeated.
 
-    rate_hz: nominal sample rate. gyro_range: full-scale range in rad/s, 0 if unknown. tick_period_s: seconds per tick.
-    tick_bits, sequence_bits: widths of the device's tick counter and sequence number, for unwrapping.
-    has_accel, has_temperature: True if the device sends these readings.
-    has_clock: False for a device without a clock. Its ticks then count samples, rate_hz is only nominal, and the intake
-    derives the sample times.
+    boot: number that identifies the boot (the time from one power-up or restart to the next). boot_cause: how the boot
+    was detected. rate_hz: nominal sample rate, Hz. gyro_range: full-scale range in rad/s, 0 if unknown. tick_period_s:
+    seconds per tick. tick_bits, sequence_bits: widths of the device's tick counter and sequence number in bits, for
+    unwrapping. has_accel, has_temperature: True if the device sends these readings.
+    has_clock: False for a device without a clock. Its ticks then count samples, rate_hz is only nominal, and
+    `bridge.ingest` derives the sample times from receive times.
     """
 
     boot: int
@@ -64,7 +66,7 @@ class Readings:
 
 @dataclass(frozen=True, slots=True)
 class Battery:
-    """State of a device's battery: charge, 0 to 100 %, and True if it is charging."""
+    """State of a device's battery. percent: charge, 0 to 100 %. charging: True if the battery is being charged."""
 
     percent: float
     charging: bool = False
@@ -99,8 +101,9 @@ class Driver(Protocol):
         """Open the device. Raises DeviceUnavailable if it cannot be opened now; the caller may try again."""
 
     def read(self, timeout_s: float) -> list[Event]:
-        """Return the events that arrived, [] if none; waits at most timeout_s seconds for the first.
+        """Return the events (identities, readings and others) that arrived, [] if none.
 
+        timeout_s: longest wait for the first event, s.
         Called from one thread only. Raises DeviceLost if the device is gone.
         """
 
@@ -115,8 +118,8 @@ class DriverKind:
     summary: one line for the user.
     options: type of the settings besides `id` and `driver`; `make` and `state` take an instance.
     make: creates the driver. state: returns in a few words whether the device can be opened now, without opening it.
-    decoder: creates the protocol's decoder, from options or from None. Without a decoder, `bridge scan` does not use
-    this kind to identify unknown bytes.
+    decoder: creates the protocol's decoder, from options or, if there are none, from None. If `decoder` itself is None,
+    `bridge scan` does not use this kind to identify unknown bytes.
     variants: option tables, without port and baud, to try on unknown bytes of protocols that need options to be
     decoded.
     """

@@ -1,7 +1,8 @@
 """Driver for Movella (Xsens) DOT sensors, over Bluetooth Low Energy.
 
-The sensor measures only on command. The driver sets the output data rate, starts the measurement with a payload that
-contains angular rates, and starts it again after a silence. Source: Movella DOT BLE Service Specification, XD0506P.
+The sensor measures only on command. The driver sets the output data rate, and starts the measurement with a payload
+that contains angular rates. After 3 s without samples, it starts the measurement again.
+Source: Movella DOT BLE Service Specification, XD0506P.
 """
 
 import struct
@@ -38,8 +39,8 @@ _CODEC = Codec(gatt_values.encode, gatt_values.decode)
 class Payload(NamedTuple):
     """Data format of a DOT sensor that contains angular rates: measurement mode and BLE characteristic.
 
-    gyro, accel: byte offsets of the angular rate (3 float32, °/s) and of the acceleration (3 float32, m/s²); accel is
-    None if the payload has none.
+    gyro, accel: byte offsets of the angular rate (3 float32: x, y, z, °/s) and of the acceleration (3 float32: x, y, z,
+    m/s²); all are little-endian. accel is None if the payload has no acceleration that can be used.
     """
 
     mode: int
@@ -95,7 +96,7 @@ class MovellaDotDecoder:
     """Decoder of a Movella DOT's values, which arrive in frames of `bridge.framing.gatt_values`.
 
     The decoder also sends the commands that set the output data rate and start the measurement. Without options, and
-    for a file, it sends nothing.
+    if the port is a file, it sends nothing.
     """
 
     def __init__(self, options: MovellaDotOptions | None = None) -> None:
@@ -109,14 +110,14 @@ class MovellaDotDecoder:
         self.opened()
 
     def opened(self) -> None:
-        """Reset for a newly opened connection, and queue the commands that start the measurement."""
+        """Reset the decoder for a newly opened connection, and queue the commands that start the measurement."""
         self._values = GattValues(self.faults)
         self._assembly.opened()
         self._heard_ns = 0
         self._begin()
 
     def feed(self, data: bytes, receive_time_ns: int) -> list[Event]:
-        """Decode received bytes; return the completed events, in order.
+        """Decode received bytes; return the events (identities, readings and others) that they complete, in order.
 
         receive_time_ns: receive time of the last byte, ns since the Unix epoch (`host_time.now_ns`).
         After 3 s without samples, the commands that start the measurement are queued again.
@@ -135,7 +136,7 @@ class MovellaDotDecoder:
         return self._assembly.finish()
 
     def to_send(self) -> bytes:
-        """Return the bytes of the next command to the device, which are returned once; b"" if there is none."""
+        """Return the bytes of the next command to the device, each command once; b"" if there is none."""
         return self._requests.command()
 
     def _begin(self) -> None:

@@ -54,7 +54,7 @@ class MtData2Options(StreamOptions, frozen=True, forbid_unknown_fields=True, kw_
 class MtData2Decoder:
     """Decoder of MTData2, the messages of Xsens motion trackers. Without options it sends nothing to the device.
 
-    Samples are dropped and counted until the decoder knows if the device sends its time.
+    Until the decoder knows if the device sends timestamps, samples are dropped and counted in `faults`.
     """
 
     def __init__(self, options: MtData2Options | None = None) -> None:
@@ -70,7 +70,7 @@ class MtData2Decoder:
         self.opened()
 
     def opened(self) -> None:
-        """Reset for a newly opened port, and query the device again if configured."""
+        """Reset the decoder for a newly opened port, and query the device again if its options ask for it."""
         self._messages.opened()
         self._assembly.opened()
         self._counter: int | None = None
@@ -81,7 +81,7 @@ class MtData2Decoder:
             self._settings.begin()
 
     def feed(self, data: bytes, receive_time_ns: int) -> list[Event]:
-        """Decode received bytes; return the completed events, in order.
+        """Decode received bytes; return the events (identities, readings and others) that they complete, in order.
 
         receive_time_ns: receive time of the last byte, ns since the Unix epoch (`host_time.now_ns`).
         """
@@ -96,7 +96,7 @@ class MtData2Decoder:
         return self._assembly.finish()
 
     def to_send(self) -> bytes:
-        """Return the bytes of the next command to the device, which are returned once; b"" if there is none."""
+        """Return the bytes of the next command to the device, each command once; b"" if there is none."""
         return self._settings.command()
 
     def _took(self, message: Message, receive_time_ns: int) -> list[Notice]:

@@ -27,11 +27,12 @@ class NativeOptions(StreamOptions, frozen=True, forbid_unknown_fields=True, kw_o
 
 
 class NativeDecoder:
-    """Decoder of truerate's own serial protocol. It requests the identity of an unknown boot and sets the output data rate.
+    """Decoder of truerate's own serial protocol. It also requests the device's identity and sets its output data rate.
 
     rate_hz: output data rate to set, Hz; 0 leaves the device's rate.
-    Packets of an unknown boot are held until the device has sent the identity of this boot. They are dropped if the
-    identity of another boot arrives or the stream ends. At most 64 packets are held; the oldest is dropped for a new one.
+    Each packet of samples carries a boot number. Packets are held until the device has sent the identity with the same
+    boot number. They are dropped if an identity with another boot number arrives or the stream ends. At most 64 packets
+    are held; the oldest is dropped for a new one.
     `faults` counts the dropped samples.
     """
 
@@ -42,7 +43,7 @@ class NativeDecoder:
         self.opened()
 
     def opened(self) -> None:
-        """Reset for a newly opened port, and request the device's identity."""
+        """Reset the decoder for a newly opened port, and request the device's identity."""
         self._ask = True
         self._deframer = Deframer()
         self._deframer.faults = self.faults
@@ -58,7 +59,7 @@ class NativeDecoder:
         return []
 
     def feed(self, data: bytes, receive_time_ns: int) -> list[Event]:
-        """Decode received bytes; return the completed events, in order.
+        """Decode received bytes; return the events (identities, readings and others) that they complete, in order.
 
         receive_time_ns: receive time of the last byte, ns since the Unix epoch (`host_time.now_ns`).
         """
@@ -80,7 +81,7 @@ class NativeDecoder:
         return events
 
     def to_send(self) -> bytes:
-        """Return the identity request and the command that sets the output data rate, if they are due; else b"".
+        """Return the bytes of the commands that are due: identity request, then output data rate; b"" if neither is due.
 
         Each command is returned once.
         """

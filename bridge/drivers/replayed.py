@@ -41,8 +41,8 @@ class ReplaySegment:
     """Segment of a recording to replay: n samples of one boot, with the device's identity. Vectors are in the sensor frame.
 
     due_s (n,): time at which each sample is played, s since the start of the playback, never falling.
-    sequence (n,): sequence numbers. ticks (n,): device time in ticks. gyro (n, 3): rad/s. accel (n, 3): m/s², or None.
-    temperature_c (n,): °C, or None.
+    sequence (n,): sequence numbers. ticks (n,): device time in ticks of identity.tick_period_s seconds. gyro (n, 3):
+    rad/s. accel (n, 3): m/s², or None. temperature_c (n,): °C, or None.
     """
 
     identity: Identity
@@ -138,7 +138,7 @@ class ReplayedOptions(Reading, frozen=True, forbid_unknown_fields=True, kw_only=
 class Playback:
     """Schedule of a replay: returns the samples of replay segments when they are due. No I/O; time is an argument.
 
-    speed: multiple of the recorded pace.
+    takes: the segments, in the order of playing. speed: multiple of the recorded pace.
     """
 
     def __init__(self, takes: Sequence[ReplaySegment], speed: float) -> None:

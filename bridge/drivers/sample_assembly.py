@@ -26,11 +26,11 @@ class DeviceDescription:
     """Properties of a device that its samples do not contain.
 
     gyro_range: full-scale range in rad/s, 0 if unknown.
-    rate_hz: sample rate; 0 if it is to be measured by the device's clock. guessed_rate_hz: used instead if the device
-    has no clock, or if the stream ends before a rate is measured.
-    divided_hz: base of the device's possible rates divided_hz / n, n whole; 0 if unknown. A measured rate within 1 % of
-    one of them is reported as exactly that rate. Measured rates differ between boots, and stored calibrations are found
-    by rate.
+    rate_hz: sample rate, Hz; 0 if it is to be measured by the device's clock. guessed_rate_hz: rate, Hz, used instead
+    if the device has no clock, or if the stream ends before a rate is measured.
+    divided_hz: base rate, Hz: the device's possible rates are divided_hz / n, n whole; 0 if unknown. A measured rate
+    within 1 % of one of them is reported as exactly that rate. Without this, the measured rate would differ between
+    boots. A stored calibration, which is looked up by sample rate, would then not be found.
     """
 
     model: str

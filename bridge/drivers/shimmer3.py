@@ -1,7 +1,7 @@
 """Driver for Shimmer3 sensors with LogAndStream firmware, over Bluetooth's serial port (RFCOMM) or Bluetooth Low Energy.
 
 The device streams only on command. The driver queries the device's channels and calibration, turns the checksum (CRC)
-on, starts the stream, and starts it again after a silence.
+on, and starts the stream. After 3 s without samples, it does so again.
 """
 
 from collections.abc import Callable
@@ -53,8 +53,8 @@ class Shimmer3Options(StreamOptions, frozen=True, forbid_unknown_fields=True, kw
 class Shimmer3Decoder:
     """Decoder of a Shimmer3 sensor, which also queries the device and starts its stream.
 
-    Without options, and for a file, it sends nothing. Samples are then decoded once answers that describe their layout
-    have been received.
+    Without options, and if the port is a file, it sends nothing. Samples are then decoded only after the received bytes
+    have contained the device's answers that describe the layout of the samples.
     """
 
     def __init__(self, options: Shimmer3Options | None = None) -> None:
@@ -72,14 +72,14 @@ class Shimmer3Decoder:
         self.opened()
 
     def opened(self) -> None:
-        """Reset for a newly opened port; queue the queries and the start of the stream again."""
+        """Reset the decoder for a newly opened port; queue the queries and the start of the stream again."""
         self._frames.opened()
         self._assembly.opened()
         self._heard_ns = self._battery_ns = 0
         self._begin()
 
     def feed(self, data: bytes, receive_time_ns: int) -> list[Event]:
-        """Decode received bytes; return the completed events, in order.
+        """Decode received bytes; return the events (identities, readings and others) that they complete, in order.
 
         receive_time_ns: receive time of the last byte, ns since the Unix epoch (`host_time.now_ns`).
         After 3 s without samples, the commands that start the stream are queued again.
@@ -103,7 +103,7 @@ class Shimmer3Decoder:
         return self._assembly.finish()
 
     def to_send(self) -> bytes:
-        """Return the bytes of the next command to the device, which are returned once; b"" if there is none."""
+        """Return the bytes of the next command to the device, each command once; b"" if there is none."""
         return self._requests.command()
 
     def _begin(self) -> None:

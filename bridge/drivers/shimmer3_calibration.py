@@ -40,6 +40,8 @@ class Calibration(NamedTuple):
         m/s².
         Method: value = R⁻¹ K⁻¹ (counts − b). b (3,) is the offset in counts. K (3, 3) is the diagonal matrix of
         sensitivities in counts per °/s or m/s². R (3, 3) is the alignment matrix, without unit.
+        block: b and the diagonal of K as int16, big-endian, then R row by row as int8. R, and K of a gyro, are stored
+        in units of 0.01.
         """
         numbers = _BLOCK.unpack(block)
         gains = np.array(numbers[3:6]) / (_GYRO_SCALE if gyro else 1)
@@ -72,9 +74,10 @@ class Calibration(NamedTuple):
 
 
 def battery(data: bytes) -> Battery:
-    """Decode a battery state from the three bytes of the device's answer: ADC value of the voltage, state of the charger.
+    """Decode the state of a battery from the three bytes of the device's answer.
 
-    The charge, 0 to 100 %, is the maker's polynomial of the voltage.
+    data: ADC value of the voltage (uint16, little-endian), state of the charger (1 byte).
+    The charge, 0 to 100 %, is computed from the voltage by the maker's polynomial.
     """
     volts = min(max(int.from_bytes(data[:2], "little") * _ADC_V * _DIVIDER, _EMPTY_V), _FULL_V)
     percent = 0.0

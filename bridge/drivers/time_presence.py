@@ -16,7 +16,10 @@ class TimePresence:
         self._leaning = False
 
     def fits(self, *, timed: bool) -> bool:
-        """Add the next sample; return True if it agrees with the decision. timed: True if the sample carries a timestamp."""
+        """Add the next sample; return True if it agrees with the decision, False if not or while undecided.
+
+        timed: True if the sample carries a timestamp.
+        """
         self.in_a_row = self.in_a_row + 1 if timed == self._leaning else 1
         self._leaning = timed
         return timed == self.tells

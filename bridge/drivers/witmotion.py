@@ -24,7 +24,10 @@ _FASTEST_HZ = 200.0
 
 
 class Word(StrEnum):
-    """WitMotion frame that carries the temperature as its fourth word; the frame depends on the model. NONE: no frame."""
+    """Which frame of a WitMotion model carries the temperature as its fourth 16-bit word.
+
+    ACCEL: the acceleration frame. GYRO: the frame of angular rates. NONE: no frame.
+    """
 
     ACCEL = "accel"
     GYRO = "gyro"
@@ -34,8 +37,9 @@ class Word(StrEnum):
 class WitMotionOptions(StreamOptions, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Options of a WitMotion sensor. Raises ValueError for an invalid option.
 
-    rate_hz: output data rate to set, Hz; the device is then also set to send its time. 0 leaves the device as it is.
+    rate_hz: output data rate to set, Hz; the device is then also set to send timestamps. 0 leaves the device as it is.
     keep_settings: True changes and queries nothing; rate_hz is then the rate that the device is known to send.
+    temperature: frame in which this model sends the temperature.
     """
 
     #: speed of the serial port, bits per second, as set in the device; 9600 carries at most 20 samples a second
@@ -62,7 +66,7 @@ class WitMotionOptions(StreamOptions, frozen=True, forbid_unknown_fields=True, k
 class WitMotionDecoder:
     """Decoder of WitMotion sensors, which also queries and configures the device. Without options it sends nothing.
 
-    Samples are dropped and counted until the decoder knows if the device sends its time.
+    Until the decoder knows if the device sends timestamps, samples are dropped and counted in `faults`.
     """
 
     def __init__(self, options: WitMotionOptions | None = None) -> None:
@@ -77,7 +81,7 @@ class WitMotionDecoder:
         self.opened()
 
     def opened(self) -> None:
-        """Reset for a newly opened port; the device will be queried again."""
+        """Reset the decoder for a newly opened port; the device will be queried again."""
         self._frames.opened()
         self._cycles.opened()
         self._assembly.opened()
@@ -86,7 +90,7 @@ class WitMotionDecoder:
         self._without_rate = 0  # frames since the last sample
 
     def feed(self, data: bytes, receive_time_ns: int) -> list[Event]:
-        """Decode received bytes; return the completed events, in order.
+        """Decode received bytes; return the events (identities, readings and others) that they complete, in order.
 
         receive_time_ns: receive time of the last byte, ns since the Unix epoch (`host_time.now_ns`).
         """
@@ -113,7 +117,7 @@ class WitMotionDecoder:
         return self._assembly.finish()
 
     def to_send(self) -> bytes:
-        """Return the bytes of the next command to the device, which are returned once; b"" if there is none."""
+        """Return the bytes of the next command to the device, each command once; b"" if there is none."""
         return self._settings.command()
 
     def _ask(self) -> None:

@@ -75,7 +75,7 @@ class Settings(RequestQueue):
         return [] if about_battery else _notice(Code.MAY_CALIBRATE_ITSELF())
 
     def took(self, data: bytes) -> Sequence[Notice | Battery]:
-        """Process the data of a register answer; return the notices and battery states that follow from it.
+        """Process the device's answer to a register query; return the notices and battery states that follow from it.
 
         data: little-endian 16-bit registers. Devices on Bluetooth put the number of the first register in front; on a
         serial line, the answer belongs to the last query.

@@ -44,8 +44,8 @@ class Ximu3Options(StreamOptions, frozen=True, forbid_unknown_fields=True, kw_on
 class Ximu3Decoder:
     """Decoder of the x-IMU3. It queries the identity, turns the on-board bias correction off and sets the output data rate.
 
-    Samples are dropped and counted until the device has answered, for at most one second. Without options, and for a
-    file, the decoder sends nothing.
+    Samples are dropped and counted until the device has answered, for at most one second. Without options, and if
+    the port is a file, the decoder sends nothing.
     """
 
     def __init__(self, options: Ximu3Options | None = None) -> None:
@@ -62,7 +62,7 @@ class Ximu3Decoder:
         self.opened()
 
     def opened(self) -> None:
-        """Reset for a newly opened port, and query the device again."""
+        """Reset the decoder for a newly opened port, and query the device again."""
         self._lines.opened()
         self._assembly.opened()
         self._ask()
@@ -74,7 +74,7 @@ class Ximu3Decoder:
             self._settings.ask()
 
     def feed(self, data: bytes, receive_time_ns: int) -> list[Event]:
-        """Decode received bytes; return the completed events, in order.
+        """Decode received bytes; return the events (identities, readings and others) that they complete, in order.
 
         receive_time_ns: receive time of the last byte, ns since the Unix epoch (`host_time.now_ns`).
         """

@@ -3,8 +3,9 @@
     message    FA FF kind length data sum          length FF: two more bytes give the length
     item       identifier[2] length data           the identifier's low nibble is the number format
 
-All bytes of a message but the first add up to 0 modulo 256. After damage, bytes are dropped one at a time until a
-message is found. Source: MT Low Level Communication Protocol Documentation, MT0101P.
+FA and FF are bytes in hexadecimal. kind, length and sum are one byte each; a length counts the bytes of data. All bytes
+of a message but the first add up to 0 modulo 256. After damage, bytes are dropped one at a time until a message is
+found. Source: MT Low Level Communication Protocol Documentation, MT0101P.
 """
 
 import math
@@ -41,9 +42,9 @@ class Data(NamedTuple):
     """Content of an MTData2 message that truerate uses; None for an item that the message lacks. Vectors in the sensor frame.
 
     gyro (3,): rad/s. accel (3,): m/s². celsius: °C. counter: message counter, 16 bits.
-    time: device time, 32 bits, in units of 0.1 ms. gyro_clipped: True if the device reports an axis beyond its range.
-    turned (3,): rotation vector of the orientation increment Δq, rad. sped (3,): velocity increment Δv, m/s. Both are
-    over the time since the previous message.
+    time: device time, 32 bits, in units of 0.1 ms; wraps. gyro_clipped: True if the device reports an axis beyond its
+    range. turned (3,): rotation vector of the orientation increment Δq, rad. sped (3,): velocity increment Δv, m/s.
+    Both are over the time since the previous message.
     raw: True if the message carries unscaled sensor counts.
     """
 

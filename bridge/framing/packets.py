@@ -7,14 +7,18 @@
     IDENTIFY  81                                                                        host -> device: send HELLO
     RATE      82 rate_hz                                                                host -> device: set this rate
 
+The first byte of a packet is its kind, in hexadecimal. version, n, has and charging are uint8, sequence and ticks
+uint32, and boot uint64. rate_hz, tick_period_s and the gyro_range of HELLO are float64; all other numbers are float32.
+model and firmware are ASCII texts of at most 64 bytes each, with a zero byte between them.
+
 A device sends HELLO at boot, once a second and when asked. `boot` is a random number drawn at power-up. `sequence`
 counts samples since the boot. `ticks` is the device's clock (32 bits, wraps), in ticks of tick_period_s seconds.
-rate_hz is the output data rate; gyro_range is the full-scale range in rad/s.
-In DATA, gyro is in rad/s, accel in m/s² and temperature in °C, as float32. The bits of `has` tell if the device
-measures acceleration (1) and temperature (2).
+rate_hz is the output data rate in Hz; gyro_range is the full-scale range in rad/s.
+DATA has n samples, the first with the number `sequence`; gyro is in rad/s, accel in m/s² and temperature in °C. The
+bits of `has` tell if the device measures acceleration (1) and temperature (2).
 OWN is a calibration that the device made itself in this boot, from samples up to `sequence`: rate = k (gyro - bias),
-with k without unit and bias in rad/s, as float32. A device that has one sends it with each HELLO.
-BATTERY is the charge as float32, 0 to 100 %, and 1 if the battery is charging, else 0. A device sends it with HELLO, or
+with k without unit and bias in rad/s. A device that has one sends it with each HELLO.
+BATTERY is the charge, 0 to 100 %, and 1 if the battery is charging, else 0. A device sends it with HELLO, or
 when it changes.
 A device may ignore RATE. A device that obeys sends HELLO with its new rate, which lasts until power-off.
 """
@@ -83,7 +87,7 @@ class Data(NamedTuple):
 
 
 class Charge(NamedTuple):
-    """Content of a BATTERY packet: charge of a device's battery, 0 to 100 %, and True if it is charging."""
+    """Content of a BATTERY packet. percent: charge, 0 to 100 %. charging: True if the battery is being charged."""
 
     percent: float
     charging: bool

@@ -3,8 +3,10 @@
     FF                     acknowledgement of a command          FE    refusal of a command
     FF kind data           the answer to a query
     FF 8A kind data        an answer between data packets; sent without FF if the device was not asked
-    00 time[3] channels    a data packet: time at 32768 Hz, little-endian; then the channels of the inquiry's answer
+    00 time[3] channels    a data packet: device time, then one value per channel
 
+The table shows bytes in hexadecimal; kind is one byte. time has three bytes, little-endian, in ticks of 1/32768 s, and
+wraps at 2**24 ticks. The device's answer to an inquiry (kind 02) lists the channels and their order.
 No byte marks the beginning of a frame. With the CRC turned on, each frame ends with a CRC of two bytes, and is accepted
 only if the CRC is right. Without CRC, a data packet is accepted only if another follows whose time fits the sampling
 period.

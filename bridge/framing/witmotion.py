@@ -5,8 +5,11 @@
                  55 61 data[26]           the same, with date and time (WT901SDCL-BT50)
                  55 71 data[18]           a register's number, and eight registers from there on
 
-A device uses one of the two forms. After damage, bytes are dropped one at a time until a frame is found; a frame
-without checksum is then accepted only if another frame follows it. Source: WIT Standard Communication Protocol,
+Bytes are in hexadecimal; `[n]` is a size in bytes. A serial frame of kind 50 has the time, 51 the acceleration, 52 the
+angular rate, 5F registers. Vectors are x, y, z in signed 16-bit words, little-endian: 32768 stands for 16 g or 2000
+°/s. Time is year - 2000, month, day, hour, minute and second in one byte each, then milliseconds in two bytes,
+little-endian. A device uses one of the two forms. After damage, bytes are dropped one at a time until a frame is found;
+a frame without checksum is then accepted only if another frame follows it. Source: WIT Standard Communication Protocol,
 vendor's C SDK.
 """
 

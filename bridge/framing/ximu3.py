@@ -6,9 +6,12 @@
     CE time text, C6 time text  N,time,text and F,time,text     a notification, an error
     {"key":value}                                               the answer to a command
 
-Time is a count of microseconds, 64 bits; numbers are float32, little-endian. In a binary line, 0A is escaped as DB DC
-and DB as DB DD. There is no checksum: a damaged number that is still a number is not detected.
-Source: x-io Technologies, x-IMU3 user manual, "Communication protocol".
+The left column shows binary messages, whose first byte is given in hexadecimal; the right column the same in ASCII.
+Binary numbers have the order of the ASCII message. Time is the device's clock in µs, 64-bit unsigned; its epoch is
+not used. Binary numbers are float32, and time and numbers are little-endian. Angular rates are in °/s, accelerations in
+g, the charge in percent. A line ends in 0A; in a binary line, 0A is escaped as DB DC and DB as DB DD. There is no
+checksum: a damaged number that is still a number is not detected. Source: x-io Technologies, x-IMU3 user manual,
+"Communication protocol".
 """
 
 import math

@@ -1,6 +1,7 @@
 """Sample times and gaps of a device without a clock, derived from its sample count and from arrival times.
 
-The sample period starts at the nominal rate and follows the clock fit without jumps. After a silence, samples are
+The sample period begins with that of the nominal rate. Later it comes from the clock fit: a line fitted to sample
+counts and receive times (`clock_fit`). Sample times do not jump when the period changes. After a silence, samples are
 either delayed or missing. Delayed samples arrive in a burst, and later samples are on time again. If samples are
 missing, all later samples stay late by the duration of the missing ones.
 """
@@ -54,10 +55,10 @@ class SilenceDetector:
         """Add new readings; return the readings, new and held, that may be published now, in order.
 
         late_s: lateness of the last sample relative to the clock fit, s. period_s: sample period, s of host time.
-        Method: with limit = max(0.05 s, 4 periods), readings are held if both the silence and the lateness reach the
-        limit.
-        If the lateness then falls below the limit, the samples were only delayed. Otherwise lateness / period samples
-        are missing. This is decided when the lateness has not fallen by the limit for 0.5 s, or after 5 s.
+        Method: limit = max(0.05 s, 4 periods). Readings are held if the silence before them and their lateness both
+        reach the limit. If the lateness then falls below the limit, the samples were only delayed.
+        The samples count as missing if the lateness has not decreased by more than the limit for 0.5 s, or after 5 s.
+        The number of missing samples is the smallest lateness divided by the period.
         """
         silent_s, self._heard_ns = (readings.receive_time_ns - self._heard_ns) * 1e-9, readings.receive_time_ns
         limit_s, self._period_s = max(_LEAST_S, _FEW * period_s), period_s

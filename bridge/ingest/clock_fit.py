@@ -28,9 +28,9 @@ class ClockFit:
 
     host, device: times of a sample by the two clocks, s. `rate` is 1 until it has been measured.
     rate: host seconds per device second (no unit).
-    rate_error: half of the 95 % confidence interval of `rate`, no unit; infinite until measured. It assumes that the
-    lateness has the same distribution at all times. The interval of the Theil–Sen slope is that of Sen (JASA 63, 1968,
-    eq. 2.6).
+    rate_error: half the width of the 95 % confidence interval of `rate`, no unit; infinite until measured. It assumes
+    that the lateness has the same distribution at all times. The interval of the Theil–Sen slope is that of Sen (JASA
+    63, 1968, eq. 2.6).
     If the host's clock is set back, the fit follows at once. If it is set forward, or the delay of all batches grows,
     the fit follows after some seconds. A delay that ends sooner does not change the fit.
     """

@@ -86,9 +86,9 @@ class Followed(NamedTuple):
     """Unwrapped readings of n samples: sequence number of the first sample, tick counts, and which samples are new.
 
     ticks (n,): device time in ticks. new (n,): True for new samples; None if all are new.
-    missing: number of sequence numbers skipped before the first sample. repeated: number of samples received before.
-    overtaken: number of samples that arrived after newer ones. backward: number of samples with a new sequence number
-    but an earlier time.
+    missing: number of sequence numbers skipped before the first sample. repeated: number of samples that were received
+    already. overtaken: number of samples that arrived after newer ones. backward: number of samples with a new sequence
+    number but an earlier time.
     """
 
     first: int

@@ -58,8 +58,10 @@ class DeviceInfoBuilder:
 
         boot: published boot number. timeline: source of the measured sample rate and of notices about time. samples:
         number of samples published in this boot.
-        dropped, events: counts by label. trouble: reasons why the device cannot be read; () if it can.
-        While the device has not identified itself (identity None), boot is 0 and `trouble` gives the reason.
+        dropped: number of dropped samples by reason. events: number of other events by label, such as `gaps`.
+        trouble: reasons why the device cannot be read; () if it can.
+        While the device has not identified itself (identity None), boot is 0 and the message's `trouble` gives the
+        reason.
         """
         device, bridge, driver, place = self._names
         known, of_time = identity or _NOBODY, timeline.notices(identity) if identity else {}

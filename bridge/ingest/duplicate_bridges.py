@@ -30,7 +30,10 @@ def said(devices: Sequence[str], owner: str, refused: Sequence[str]) -> Sentence
 
 
 def found(statuses: Iterable[Status]) -> list[Sentence]:
-    """Return one sentence for each set of bridges that send the same devices now. statuses: latest status of each device."""
+    """Return one sentence for each set of bridges that send the same devices.
+
+    statuses: latest status of each device, as an estimator publishes it.
+    """
     sets: dict[tuple[str, tuple[str, ...]], list[str]] = {}
     for status in statuses:
         if status.refused_bridges:
@@ -39,7 +42,10 @@ def found(statuses: Iterable[Status]) -> list[Sentence]:
 
 
 class DuplicateBridges:
-    """Tracks which devices of a bridge the estimators take from another bridge instead; logs each such device once."""
+    """Tracks for which devices of a bridge the estimators use the samples of another bridge; logs each such device once.
+
+    bus: open session, to read the estimators' statuses. ward, bridge: ids.
+    """
 
     def __init__(self, bus: Bus, ward: str, bridge: str) -> None:
         self._bridge, self._told = bridge, set[str]()

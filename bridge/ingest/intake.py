@@ -1,7 +1,7 @@
 """Intake of one device: converts a driver's events to valid batches, and counts all other samples by reason.
 
-No I/O, clock or thread. At any time since the boot began, samples_in = samples published + sum of dropped. Readings
-still held for a possible gap are not yet part of samples_in.
+No I/O, clock or thread. Each sample received in a boot (from one restart of the device to the next) is either published
+or counted as dropped. Readings still held for a possible gap are not yet counted as received.
 """
 
 from dataclasses import replace
@@ -37,6 +37,7 @@ Bools = NDArray[np.bool_]
 class Intake:
     """Converts the events of one device to valid batches, and counts all other samples by reason.
 
+    device, bridge: ids. driver: name of the driver. place: port or file of the device.
     Pass events to `take` in the order of arrival; `info` returns the counts.
     """
 
@@ -103,8 +104,8 @@ class Intake:
     def info(self, time_ns: int, faults: dict[str, int], trouble: Sentences = ()) -> DeviceInfo:
         """Return the DeviceInfo at time_ns (ns since the Unix epoch); its boot is 0 until the device has identified itself.
 
-        faults: the driver's counts by label, added to the events. trouble: reasons why the device cannot be read; () if
-        it can.
+        faults: the driver's counts of unusable frames and samples, by label; the DeviceInfo contains them in `events`.
+        trouble: reasons why the device cannot be read; () if it can.
         """
         events, dropped = self.events.as_dict(), self.dropped.as_dict()
         # The driver may have counted the same change.

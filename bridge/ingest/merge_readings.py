@@ -1,4 +1,7 @@
-"""Merges consecutive readings of one device before the intake, whose cost per call hardly depends on the size. No I/O."""
+"""Merges consecutive readings of one device, so that the intake needs fewer calls. No I/O.
+
+The time of such a call hardly depends on the number of samples.
+"""
 
 from collections.abc import Iterable
 
@@ -12,9 +15,9 @@ _LONGEST_NS = 100_000_000  # the clock fit needs several receive times a second
 
 
 def joined(events: Iterable[Event]) -> list[Event]:
-    """Return the events in the same order, with consecutive Readings of up to 100 ms merged into one.
+    """Return the events in the same order, with Readings that follow each other without a gap merged into one.
 
-    The receive time of merged readings is that of the last part.
+    Readings are merged if their receive times differ by at most 100 ms. The merged ones get the last receive time.
     """
     groups: list[list[Event]] = []
     for event in events:

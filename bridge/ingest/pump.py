@@ -1,4 +1,4 @@
-"""Pump: publishes all devices of one bridge. A thread takes the batches of each device every batch_ms and publishes them."""
+"""Pump: publishes all devices of one bridge. Every batch_ms milliseconds, a thread takes and publishes each device's batches."""
 
 import itertools
 import logging

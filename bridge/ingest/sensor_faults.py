@@ -97,7 +97,7 @@ class Repeats:
         return self._needed
 
     def seen(self, time_s: Floats, gyro: Floats) -> Bools:
-        """Return a mask (n,), True for stuck samples, of the next readings.
+        """Return a mask (n,) for the next n readings, True for stuck ones.
 
         gyro (n, 3): rad/s. time_s (n,): device time, s. The sensor's noise is estimated from blocks of one second of
         device time. So the flags do not depend on how the readings are split into calls.
@@ -183,9 +183,9 @@ class SelfRepetition:
         Method: the probability of a repeat on one axis is 1 / (√(2π) σ). σ is the rms difference of two successive
         readings at rest, in quantisation steps; the difference is assumed Gaussian. A second estimate is the counted
         ratio of repeats, less two standard deviations. The larger estimate is used, because filtered noise, and sensors
-        that are read more often than they measure, repeat more often than white noise. The first repeat and the
-        following ones are estimated separately. An axis with σ below 1.5 counts as always repeating. The probabilities
-        of the three axes are multiplied.
+        that are read more often than they measure, repeat more often than white noise. The first repeat in a row
+        and each further one have probabilities of their own. An axis with σ below 1.5 counts as always repeating. The
+        probabilities of the three axes are multiplied.
         """
         if not np.isfinite(self._quiet).all():
             return inf
@@ -214,7 +214,8 @@ class Warmth:
     def leapt(self, time_s: Floats, temperature_c: Floats) -> Bools:
         """Return a mask (n,), True for implausible temperatures. temperature_c (n,): °C. time_s (n,): device time, s.
 
-        A new level is accepted once enough time has passed to reach it at 1 K/s.
+        A temperature is implausible if it differs from the last accepted one by more than 2 K + t · 1 K/s. t is the
+        time in s since the last accepted one. So a lasting change is accepted after some time.
         """
         at_s, believed_c = self._believed or (float(time_s[0]), float(temperature_c[0]))
         leaps = np.zeros(len(temperature_c), bool)

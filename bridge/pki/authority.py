@@ -3,7 +3,7 @@
 Keys are ECDSA on P-256, in PKCS 8. Extended key usages:
 
 - router: server and client authentication; the latter is for connections to other routers
-- page: server authentication only
+- page (the dashboard's web server): server authentication only
 - all other roles: client authentication only, so that a stolen bridge cannot pose as a router
 
 Each member has its own issuer, an intermediate authority below the ward's authority. A router trusts the issuers of its
@@ -79,9 +79,9 @@ def issue(
 
     authority: the signer, which is the member's issuer or an authority. begins, ends: validity period, datetimes in
     UTC.
-    hosts: host names and IP addresses of a router or page; clients refuse the certificate under any other name.
-    key: PEM of the private key; None creates a new key. usages: extended key usages; by default those of the role.
-    Raises ValueError for invalid hosts, an invalid key, or an end later than the authority's.
+    hosts: host names and IP addresses, for the roles router and page; clients refuse the certificate under any other
+    name. key: PEM of the private key; None creates a new key. usages: extended key usages; by default those of the
+    role. Raises ValueError for invalid hosts, an invalid key, or an end later than the authority's.
     """
     names = check_hosts(member, hosts)
     ca = x509.load_pem_x509_certificate(authority.certificate)
@@ -103,7 +103,7 @@ def issue(
 def check_hosts(member: Member, hosts: Sequence[str]) -> list[x509.GeneralName]:
     """Return a certificate's subject alternative names: the hosts, or without hosts a URI with the member's common name.
 
-    Raises ValueError for a router or page without hosts, and for an invalid host.
+    Raises ValueError if a member with the role router or page has no hosts, and for an invalid host.
     """
     if member.role.serves and not hosts:
         role = member.role.value

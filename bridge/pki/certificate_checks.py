@@ -61,9 +61,9 @@ def common_name(certificate: x509.Certificate) -> str:
 
 
 def hosts_of(certificate: x509.Certificate) -> list[str]:
-    """Return the host names and IP addresses of a router's or page's certificate; [] if it names none.
+    """Return the host names and IP addresses in a certificate; [] if it has none.
 
-    The certificate holds them as subject alternative names.
+    Certificates of routers and of the dashboard's web server have them, as subject alternative names.
     """
     try:
         names = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value

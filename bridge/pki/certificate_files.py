@@ -37,7 +37,7 @@ class Identity:
 def identities_in(folder: Path) -> dict[Member, Identity]:
     """Find the certificates `ROLE.NAME.pem` in a machine's folder; return the paths of their files by member.
 
-    Only the newest generation of each member is returned. The content of the files is not read.
+    Of a member with several certificates, only that of the highest generation is returned. The files are not read.
     """
     found = dict[tuple[str, str], Member]()
     for path in folder.glob("*.*.pem"):

@@ -42,11 +42,12 @@ class Folder:
         _keep(self.path / _CA, new_authority(name, now))
 
     def issue(self, member: Member, now: datetime, days: int = DAYS, hosts: tuple[str, ...] = ()) -> Identity:
-        """Issue the first certificate and key of a member, in its current generation; return the paths of the files.
+        """Issue a member's first certificate and key of its current generation; return the paths of the files.
 
+        The current generation is the first that is not revoked.
         now: present time, a datetime in UTC; the validity begins 5 minutes before `now`. days: end of the validity, in
-        days after `now`. hosts: host names and IP addresses of a router or page.
-        Raises ValueError if the member has a certificate, a host is invalid, or the authority expires earlier.
+        days after `now`. hosts: host names and IP addresses, for the roles router and page (the dashboard's web
+        server). Raises ValueError if the member has a certificate, a host is invalid, or the authority expires earlier.
         """
         member = self.current(member)
         files = self.identity(member)
@@ -110,11 +111,11 @@ class Folder:
         whole_file.write(Path(self.gate(router).ca), b"".join(issuers), 0o644)
 
     def revoke(self, member: Member, now: datetime, why: str) -> Member:
-        """Revoke the certificate of a member's current generation; return the revoked member.
+        """Revoke a member's current certificate; return the member with the generation that was revoked.
 
-        The access rules of routers must be written again without that generation. now: time of the revocation, a
-        datetime in UTC. why: reason, stored in the file of revoked names. Raises ValueError if the member has no
-        certificate.
+        Afterwards, the access rules of routers must be written again without that generation. now: time of the
+        revocation, a datetime in UTC. why: reason, stored in the file of revoked names. Raises ValueError if the member
+        has no certificate.
         """
         member = self.current(member)
         if not Path(self.identity(member).certificate).exists():
@@ -141,6 +142,7 @@ class Folder:
     def current(self, member: Member) -> Member:
         """Return the member in its first generation that is not revoked.
 
+        The generation is a number that grows by one with each revocation of the member.
         Raises ValueError if a later generation has a certificate: the list of revoked names is then incomplete.
         """
         revoked, generation = self.revoked(), 1

@@ -9,7 +9,11 @@ from bridge.wire.refusal import Refusal
 
 
 class Role(Enum):
-    """Role of a certificate's holder, which determines its access rights. The value is part of common names and file names."""
+    """Role of a certificate's holder, which determines its access rights. The value is part of common names and file names.
+
+    VIEWER: reads results. COMMANDER: may also start recalibrations. ROS2: publishes samples as ROS 2 messages. PAGE:
+    the dashboard's web server, whose certificate is for browsers. `bus.access_rules` defines the rights of each role.
+    """
 
     BRIDGE = "bridge"
     ESTIMATOR = "estimator"
@@ -22,7 +26,10 @@ class Role(Enum):
 
     @property
     def serves(self) -> bool:
-        """True if other programs connect to the holder, by the hosts in its certificate: for a router and a page."""
+        """True if other programs connect to the holder, by the hosts in its certificate.
+
+        This is so for a router, and for the dashboard's web server (PAGE).
+        """
         return self in (Role.ROUTER, Role.PAGE)
 
 
@@ -30,8 +37,9 @@ class Role(Enum):
 class Member:
     """Holder of a certificate: role, name and generation.
 
-    zenoh cannot read lists of revoked certificates; its access rules name common names. So a revoked common name is
-    never used again. Its holder gets the next generation of the name, and the rules name only that generation.
+    generation: 1 at first, and one more after each revocation. zenoh cannot read lists of revoked certificates; its
+    access rules name common names. So a revoked common name is never used again. Its holder gets the next generation of
+    the name, and the rules name only that generation.
     """
 
     role: Role

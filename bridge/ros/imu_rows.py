@@ -1,6 +1,6 @@
 """Combines readings, corrected rates and orientations of the same samples into one row per sample. No I/O.
 
-A corrected batch waits for the acceleration and the orientation of its samples, but at most WAIT_S (0.5) seconds.
+A batch of corrected rates waits for the accelerations and orientations of its samples, at most WAIT_S (0.5) seconds.
 """
 
 from collections import defaultdict, deque
@@ -28,7 +28,7 @@ Said = SampleBatch | CorrectedBatch | OrientationBatch
 class ImuRows(NamedTuple):
     """Consecutive samples of one boot of a device, one row per sample. NaN marks values that a sample lacks.
 
-    boot: boot id. sequence: sequence number of the first sample. time_ns (n,): host time, ns since the Unix epoch.
+    boot: boot number. sequence: sequence number of the first sample. time_ns (n,): host time, ns since the Unix epoch.
     rate (n, 3): angular rate, rad/s, sensor frame; rate_var (n, 3): its variance, (rad/s)², None if unknown.
     accel (n, 3): specific force, m/s², sensor frame. quat_wxyz (n, 4): rotation from sensor to earth, scalar first.
     attitude_cov (3, 3): covariance of the orientation, rad², about earth axes; zero if unknown.
@@ -101,9 +101,9 @@ class ImuJoin:
     """Joins readings, corrected rates and orientations of any number of devices into ImuRows.
 
     Samples are matched by boot and sequence number. `now_s` is seconds of a monotonic clock.
-    The corrected batches of a device must come in order and each once; readings and orientations may be repeated.
-    patient: True waits for readings and orientations even if the device has sent none yet. Use it if messages
-    may come late, such as history from caches.
+    Add the corrected rates of a device in order, each batch once; readings and orientations may be repeated.
+    patient: True waits for readings and orientations even if none of the device has been added yet. Use it if messages
+    may arrive late, such as history from caches.
     """
 
     def __init__(self, *, patient: bool = False) -> None:
@@ -114,7 +114,7 @@ class ImuJoin:
         """Add a message; return the rows of its device that are complete or have waited WAIT_S (0.5) seconds.
 
         said: readings, corrected rates or orientations. now_s: seconds of a monotonic clock.
-        Each result has the samples of one corrected batch.
+        Each result has the samples of one batch of corrected rates.
         """
         device = self._devices[said.device]
         if isinstance(said, CorrectedBatch):

@@ -62,7 +62,10 @@ class Node:
 
 
 def gid(token: str) -> bytes:
-    """Return the global id of a publisher, 16 bytes: the 128-bit XXH3 hash of its token, low half first."""
+    """Return the global id of a publisher, 16 bytes: the 128-bit XXH3 hash of its token, little-endian.
+
+    token: key of the publisher's liveliness token, from `Node.publisher_token`.
+    """
     from xxhash import xxh3_128_intdigest  # noqa: PLC0415 - optional extra
 
     return xxh3_128_intdigest(token.encode()).to_bytes(_GID_BYTES, "little")
@@ -71,7 +74,8 @@ def gid(token: str) -> bytes:
 def attachment(sequence: int, time_ns: int, of: bytes) -> bytes:
     """Return the attachment of a message, 33 bytes. Subscribers drop messages without it.
 
-    sequence: number of the message from its publisher, from 1. time_ns: ns since the Unix epoch. of: the publisher's
-    global id, 16 bytes.
+    Layout: sequence and time_ns as int64, little-endian; the size of the global id (1 byte); the global id. sequence:
+    number of the message from its publisher, from 1. time_ns: ns since the Unix epoch. of: the publisher's global id,
+    16 bytes.
     """
     return _ATTACHMENT.pack(sequence, time_ns, _GID_BYTES, of)

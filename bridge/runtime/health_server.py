@@ -54,7 +54,7 @@ class HealthSource:
 class HealthServer:
     """HTTP server of metrics and health on (host, port), which runs for the length of a `with` block.
 
-    port: the port in use. Raises OSError if the address cannot be used.
+    asked: callbacks that answer the requests. port: the port in use. Raises OSError if the address cannot be used.
     """
 
     def __init__(self, address: tuple[str, int], asked: HealthSource) -> None:

@@ -29,7 +29,7 @@ def why(error: OSError) -> str:
 
 
 def sentence(error: OSError) -> str:
-    """Return the file name of an OSError, if it has one, and the cause in plain words."""
+    """Return a text with the file name of an OSError, if it has one, and the cause in plain words."""
     return why(error) if error.filename is None else f"{os.fsdecode(error.filename)}: {why(error)}"
 
 

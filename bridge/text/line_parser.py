@@ -44,8 +44,8 @@ class Header(NamedTuple):
 class Refused(NamedTuple):
     """Line that could not be parsed.
 
-    fault: label under which the line is counted, such as `row_short` or `not_a_number`. detail: what came and what was
-    expected.
+    fault: label under which the line is counted, such as `row_short` or `not_a_number`. detail: what was received and
+    what was expected.
     """
 
     fault: str
@@ -105,7 +105,7 @@ class _Three(NamedTuple):
 class CsvReader:
     """Parser of lines that are rows of columns; the columns are named by the profile or by the latest header row.
 
-    needs_clock: True refuses a header row without the profile's time column, because the rate would be unknown.
+    needs_clock: True refuses a header row without the profile's time column, because the sample rate would be unknown.
     has_clock: True if rows have a time; None until that is known.
     """
 

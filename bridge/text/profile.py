@@ -1,6 +1,6 @@
 """Text profiles: TOML descriptions of the lines that a device prints, one file for each kind of device.
 
-    summary = "a word for people"
+    summary = "one line for the user"
     baud = 115200                     # bits per second of the port, unless the ward's file states another rate
     decimal = ","                     # decimal mark of the numbers; default "."
     banners = ['regular expression']  # a line printed at the start, which means a boot. Named groups model, firmware,
