@@ -1,4 +1,4 @@
-"""Reader of a ward for robotics outlets: each sample once, poses on a grid, statuses, and events as text."""
+"""Reader of a ward for robotics outlets: each sample once, poses for a 3-D view, statuses, and events as text."""
 
 import math
 import time
@@ -83,7 +83,10 @@ class WardFeed:
         return [status for status in self._statuses.drain() if self._places.take(status.device, now_s)]
 
     def pose(self, rows: ImuRows) -> Pose:
-        """Return a device's pose at its last sample; an unknown orientation (NaN) becomes the identity rotation."""
+        """Return a device's pose: its place on the display grid, and its orientation at the last of the samples.
+
+        rows: joined samples of the device. An unknown orientation (NaN) becomes the identity rotation.
+        """
         w, x, y, z = rows.quat_wxyz[-1].tolist()
         turned = _NOT_TURNED if math.isnan(w) else (w, x, y, z)
         return Pose(rows.device, int(rows.time_ns[-1]), self._position(rows.device), turned)

@@ -1,16 +1,16 @@
 """Membership of estimators in a ward, and ownership of devices by rendezvous hashing. Pure: `now` is monotonic time, s.
 
 A device belongs to the live estimator with the highest rendezvous hash. That estimator takes the device under a new
-epoch (number of an ownership). The estimator keeps the device until another estimator claims it under a higher epoch.
-Subscribers use the messages of the highest epoch.
+epoch: an ownership number, which rises with each takeover. The estimator keeps the device until another estimator
+claims it under a higher epoch. Subscribers use the messages of the highest epoch.
 
 Every estimator must reach the same answer by itself, although each may know different devices. So devices are not
 counted, and are shared as evenly as chance allows (300 devices on three estimators: 100 ± 8 each).
 
-An epoch is higher than every epoch received, so that an owner loses against its successor. An epoch is also no
-lower than the time, so that estimators that all restarted continue above the epochs that subscribers know. The last
-bits are derived from the estimator's id. So two estimators on opposite sides of a network partition take one device
-under different epochs.
+An epoch is higher than every epoch received, so that an owner loses against its successor. An epoch is also no lower
+than the host time in ns, so that estimators that all restarted continue above the epochs that subscribers know. The
+last bits are derived from the estimator's id. So two estimators on opposite sides of a network partition take one
+device under different epochs.
 """
 
 from collections.abc import Collection, Iterator
@@ -133,10 +133,11 @@ class Membership:
         self.highest = max(self.highest, *(epoch for epoch in epochs if epoch < BEYOND), 0)
 
     def said(self, owned: Owned, now: float) -> list[str]:
-        """Process an ownership message; return the devices that its sender claims from this estimator.
+        """Process an ownership message; return the devices that its sender has taken from this estimator.
 
-        owned: lists the devices that the sender holds, with epochs. A device counts if this estimator holds it under a
-        lower epoch; of equal epochs, the one of the later estimator id wins. now: monotonic time, s.
+        owned: lists the devices that the sender holds, with epochs. now: monotonic time, s.
+        The sender has taken a device if its epoch is higher than the one under which this estimator holds the device.
+        If the epochs are equal, the estimator id that sorts later wins.
         """
         if owned.estimator == self.own:
             return []
@@ -153,9 +154,9 @@ class Membership:
         return [h.device for h in others if (h.epoch, owned.estimator) > (self.held[h.device], self.own)]
 
     def look(self, now: float) -> tuple[list[str], list[str]]:
-        """Update `members`; return the ids that appeared and the ids that disappeared since the last call, sorted.
+        """Update `members`, the ids of live estimators; return the ids that appeared and the ids that disappeared.
 
-        now: monotonic time, s.
+        Both lists are sorted, and relative to the last call. now: monotonic time, s.
         """
         living = {name for name, peer in self._peers.items() if peer.token and now - peer.heard_s < LEASE_S}
         before, there = set(self.members), {self.own, *living}
@@ -167,7 +168,7 @@ class Membership:
         return sorted(there - before), sorted(before - there)
 
     def owns(self, device: str) -> bool:
-        """Return whether a device belongs to this estimator, by its hash among the live estimators.
+        """Return whether the hash assigns a device to this estimator, among the live estimators.
 
         Another estimator may still hold the device.
         """
@@ -215,7 +216,8 @@ class Membership:
     def answers(self, device: str) -> bool:
         """Return whether this estimator answers commands for a device.
 
-        True if it holds the device, or owns a device that no estimator holds.
+        True if it holds the device, or if no other estimator is alive. Also True if the hash assigns the device to it
+        and no other estimator holds the device.
         """
         if device in self.held or self.alone:
             return True
