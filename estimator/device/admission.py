@@ -35,9 +35,11 @@ ELSEWHERE = "also from "
 class Ruling(Enum):
     """Ruling on a batch of samples: accept the batch, begin a boot with it, or refuse it.
 
-    TAKE: accept, since the batch continues the boot. JUMP: accept after a leap in number or time that has persisted.
+    TAKE: accept, since the batch continues the boot. JUMP: accept after a leap in sequence number or device time that
+    has persisted.
     BOOT: begin a new boot. RETURN: go back to an earlier boot. REPEAT: begin a new power-up under a known boot id.
-    LATE: refuse and count late or repeated samples. RANGE: refuse and count implausible times or numbers.
+    LATE: refuse and count late or repeated samples. RANGE: refuse and count implausible device times or sequence
+    numbers.
     """
 
     TAKE = auto()

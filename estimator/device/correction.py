@@ -74,7 +74,8 @@ class Correction:
         Order: calibration matrix (9, row by row, no unit); bias (3, rad/s).
         Then standard deviations: bias (3, rad/s), matrix (9, relative), accelerometer bias (3, m/s²), white noise (3,
         rad/s), bias instability (1, rad/s).
-        Then rate random walk (1, rad/s/√s), accelerometer bias (3, m/s²), accelerometer scale factors (3).
+        Then rate random walk (1, rad/s/√s).
+        Then values of the accelerometer: bias (3, m/s²), scale factors (3, no unit).
         """
         model, accel = self.model, _AS_READ
         if self.taught is None:

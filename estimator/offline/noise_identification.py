@@ -97,8 +97,8 @@ def identify_noise(recording: Recording) -> AtRest:
 def measured(rest: AtRest, like: NoiseModel) -> tuple[NoiseModel, dict[str, str]]:
     """Return a noise model of the measured device, and the origin of each of its fields as text, by field name.
 
-    like: noise model of the device's kind. A coefficient that the rest does not show is taken from `like`, or from the
-    measured upper limit if that is less.
+    like: noise model of the device's kind. A noise coefficient that the rest does not determine is taken from `like`,
+    or is the measured upper limit if that is less.
     """
     origin = {"step": "measured"}
 

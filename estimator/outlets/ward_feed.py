@@ -17,10 +17,10 @@ _NOT_TURNED = (1.0, 0.0, 0.0, 0.0)
 
 
 class Pose(NamedTuple):
-    """Pose of a device in the frame of its ward.
+    """Pose of a device in the coordinate frame of its ward.
 
-    time_ns: ns since the Unix epoch. position: place on a display grid, m. quat_wxyz: unit quaternion from sensor to
-    earth axes, scalar first.
+    time_ns: host time, ns since the Unix epoch. position: place on a display grid, m; it is not measured. quat_wxyz:
+    unit quaternion from sensor to earth axes, scalar first.
     """
 
     device: str
@@ -32,7 +32,7 @@ class Pose(NamedTuple):
 class Event(NamedTuple):
     """Event of a device as text: a note, a calibration, or a change of its state.
 
-    time_ns: ns since the Unix epoch. serious: whether a person should look at the device.
+    time_ns: host time, ns since the Unix epoch. serious: whether a person should look at the device.
     """
 
     time_ns: int

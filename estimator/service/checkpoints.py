@@ -52,7 +52,7 @@ def calibrated(checkpoint: Checkpoint) -> Calibration | None:
 class Checkpoints:
     """Latest checkpoint and latest command replies of each device, from any estimator.
 
-    devices: largest number of devices kept; beyond it the longest unchanged is dropped.
+    devices: largest number of devices kept; beyond it, the device whose checkpoint arrived longest ago is dropped.
     """
 
     def __init__(self, devices: int) -> None:

@@ -86,7 +86,7 @@ class Newcomers:
 
 
 class Entrance:
-    """Sorter of sample messages: our devices, other admitted devices, and refused devices.
+    """Sorter of sample messages: of devices held by this estimator, of other admitted devices, of refused devices.
 
     newcomers: filter for new devices; None if a `[devices]` list names the ward's devices. Decisions are remembered by
     bus key until the next `look`, once a second.
@@ -98,9 +98,9 @@ class Entrance:
         self._admitted: dict[str, str] = {}
 
     def enrolled(self, messages: Sequence[Message], now: float) -> list[Message]:
-        """Return the messages of enrolled devices, and those with malformed keys; the others are counted.
+        """Return the messages of enrolled devices, and those with malformed keys.
 
-        now: monotonic time, s.
+        Messages of devices that are not enrolled are counted and left out. now: monotonic time, s.
         """
         return [one for one in messages if not all(ids := _ids(one.key)) or self._gate.admits(*ids, now)]
 

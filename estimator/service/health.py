@@ -80,9 +80,10 @@ class ServiceHealth:
         return HealthSource(self.families, self.sick, self.unready)
 
     def sick(self) -> list[str]:
-        """Return the reasons for /healthz why the process is not alive: its loop is stuck. Empty while it is alive.
+        """Return the reasons for /healthz why the process is not alive; empty while it is alive.
 
-        A process that waits for its first router counts as alive.
+        It is not alive if its loop has made no snapshot for more than STUCK_S seconds. A process that waits for its
+        first router counts as alive.
         """
         age = 0.0 if self._note is None else self._clock() - self._note.time_s
         return [f"the service's loop has been stuck for {age:.0f} s"] if age > STUCK_S else []

@@ -129,7 +129,7 @@ class Membership:
             self._peers[name] = _Peer(now - LEASE_S)
 
     def hear(self, *epochs: int) -> None:
-        """Raise `highest` to the highest of these received epochs; impossibly high epochs are ignored."""
+        """Raise `highest` to the highest of these received epochs; epochs of BEYOND or more are wrong and ignored."""
         self.highest = max(self.highest, *(epoch for epoch in epochs if epoch < BEYOND), 0)
 
     def said(self, owned: Owned, now: float) -> list[str]:
@@ -175,10 +175,13 @@ class Membership:
         return owner(device, self.members) == self.own
 
     def wants(self, device: str, now: float) -> bool:
-        """Return whether to take a device now: it belongs to this estimator, is not held, and no hold-off is running.
+        """Return whether this estimator should take a device now. now: monotonic time, s.
 
-        now: monotonic time, s. False while another estimator is in a calibration of the device, whose turns would be
-        lost. False also for HOLD_OFF_S seconds after this estimator lost the device to a live estimator.
+        All of these must hold:
+        - The hash assigns the device to this estimator, which does not hold it yet.
+        - No hold-off (time in which no device is taken) is running.
+        - No other estimator is in a calibration of the device, since a takeover would lose its turns.
+        - This estimator did not lose the device to a live estimator in the last HOLD_OFF_S seconds.
         """
         if device in self.held or not self.ready(now) or not self.owns(device):
             return False

@@ -1,6 +1,6 @@
 """Periodic checks, once a second: conservation of samples, and the snapshot for health and metrics.
 
-Conservation law: every sample that came in went out, or was dropped and counted with a reason.
+Conservation law: every sample received was corrected and published, or was dropped and counted with a reason.
 """
 
 import logging
@@ -58,7 +58,7 @@ class PeriodicChecks:
         self._decoded += samples
 
     def check(self) -> None:
-        """Check the conservation law: every sample that came in went out, or was dropped with a reason.
+        """Check the conservation law: every sample received was published, or was dropped with a reason.
 
         Call it between two rounds of the run loop. Each new violation is counted, and logged once per device.
         """

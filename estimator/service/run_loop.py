@@ -206,6 +206,7 @@ class Service:
     def work(self, until: float = math.inf) -> None:
         """Update estimates from finished blocks of samples, and do the once-a-second work of devices.
 
+        It includes: detect a lost device, raise and clear alerts, publish the status, publish and store checkpoints.
         until: monotonic time, s, at which the work pauses; the rest waits for the next call.
         """
         for waiting, do in ((self._outcomes.to_learn, self._outcomes.learn), (self._to_look, self._look_after)):

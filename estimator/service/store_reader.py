@@ -72,9 +72,9 @@ class StoreReader:
         ]
 
     def alerts(self, device: str) -> list[tuple[Alert, int | None]]:
-        """Return all alerts of a device or an estimator, oldest first, each with its end.
+        """Return all alerts of a device or an estimator, oldest first, each with the time of its end.
 
-        The end is host time, ns since the Unix epoch; None while the alert stands.
+        This is host time, ns since the Unix epoch; None if the alert has not ended.
         """
         names = "kind", "since_ns", "raised_ns", "acknowledged_ns", "who"
         return [
