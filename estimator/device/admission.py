@@ -35,9 +35,11 @@ ELSEWHERE = "also from "
 class Ruling(Enum):
     """Ruling on a batch of samples: accept the batch, begin a boot with it, or refuse it.
 
-    TAKE: accept, since the batch continues the boot. JUMP: accept after a leap in number or time that has persisted.
+    TAKE: accept, since the batch continues the boot. JUMP: accept after a leap in sequence number or device time that
+    has persisted.
     BOOT: begin a new boot. RETURN: go back to an earlier boot. REPEAT: begin a new power-up under a known boot id.
-    LATE: refuse and count late or repeated samples. RANGE: refuse and count implausible times or numbers.
+    LATE: refuse and count late or repeated samples. RANGE: refuse and count implausible device times or sequence
+    numbers.
     """
 
     TAKE = auto()
@@ -78,11 +80,12 @@ class Mark:
 class Admission:
     """Admission control for one device: takes samples only from the owner, the one bridge whose samples are used.
 
-    Batches of old boots and implausible batches are refused; a refused stream that persists for some seconds is
+    Batches of old boots and implausible batches are refused. A refused stream that continues for some seconds is
     accepted.
 
-    silence_s: seconds for which the owner may be silent before another bridge replaces it. `owner`: name of the owner.
-    `sequence`: counters of accepted samples, shared with the session.
+    silence_s: permitted silence of the device, s. Another bridge can replace an owner that was silent for more than
+    silence_s + OWNED_S seconds.
+    `owner`: name of the owner. `sequence`: counters of accepted samples, shared with the session.
     Every argument `heard_s` is the arrival time of a message, s of a steady clock.
     """
 
@@ -102,10 +105,10 @@ class Admission:
         self._room = float(CROWD)
 
     def owns(self, bridge: str, heard_s: float) -> bool:
-        """Return whether a bridge owns the device, judged when one of its messages arrives.
+        """Return whether a bridge owns the device, when its message arrives; make it the owner if the owner is silent.
 
-        heard_s: arrival time of the message, s of a steady clock. A bridge becomes the owner when the earlier owner has
-        been silent for longer than the limit given at construction.
+        heard_s: arrival time of the message, s of a steady clock. An owner counts as silent after silence_s + OWNED_S
+        seconds without a message. A message of the owner starts this time anew.
         """
         if bridge != self.owner:
             if heard_s - self._heard_s <= self._owned_s:
@@ -130,7 +133,7 @@ class Admission:
         self._booted_ns = heard_ns
 
     def label(self, bridge: str, heard_s: float) -> str:
-        """Return the counter's name for samples from a bridge that is not the owner; record when this bridge was heard.
+        """Return the counter's name for samples from a bridge that is not the owner; record when this bridge sent them.
 
         heard_s: arrival time of the samples, s of a steady clock. Each of the first NAMED_BRIDGES bridges has its own
         counter; all others share one.
@@ -140,10 +143,9 @@ class Admission:
         return f"{ELSEWHERE}{bridge if bridge in self._others else 'others'}"
 
     def refused(self, now: float) -> tuple[str, ...]:
-        """Return the ids of bridges other than the owner whose samples of this device were refused lately.
+        """Return the ids of bridges other than the owner whose samples of this device were refused recently.
 
-        now: present time, s of a steady clock. Lately: within silence_s + OWNED_S seconds, after which the owner would
-        lose the device, too.
+        now: present time, s of a steady clock. Recently: in the last silence_s + OWNED_S seconds.
         """
         return tuple(
             bridge for bridge, at in self._others.items() if bridge != self.owner and now - at <= self._owned_s

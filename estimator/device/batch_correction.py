@@ -30,7 +30,7 @@ class Cut(NamedTuple):
 
     @property
     def header(self) -> tuple[int, int, int, float, float, bytes]:
-        """Header of the segment for the wire's encoders: a tuple of six values.
+        """Header of the segment, as the encoders of the wire format expect it: a tuple of six values.
 
         Boot id; sequence number of the first sample; host time of the first sample, ns since the Unix epoch; length of
         a device clock tick, s; host seconds per second of the device's clock; ticks of all samples, packed as uint64.
@@ -48,7 +48,7 @@ def correct(cuts: Sequence[Cut]) -> list[Rates]:
     """Compute the corrected rates of each segment: rate = matrix (reading − bias).
 
     Result, in the order of `cuts`: rates in rad/s (n, 3) as packed float32, and flags (n,) as packed uint32, empty
-    where no flag is set. A rate beyond the wire's range is limited to this range and flagged as clipped.
+    where no flag is set. A rate beyond the range of the wire format is limited to this range and flagged as clipped.
 
     The result of a segment is bit for bit the same whichever segments are corrected in the same call.
     """

@@ -141,7 +141,10 @@ class BootCalibration:
         return True
 
     def believe(self, calibration: Calibration) -> None:
-        """Use the scale factors of an earlier boot's calibration as a prior until this boot is calibrated."""
+        """Use the scale factors of an earlier boot's calibration as a prior until this boot is calibrated.
+
+        calibration: that calibration. A bias measured in rests of this boot is kept.
+        """
         self._use(None, calibration)
         if self.tracker.sure:
             self.tracker.rescaled(self._belief.model)
@@ -257,7 +260,7 @@ class BootCalibration:
 
     @property
     def awaited(self) -> bool:
-        """True while a person waits for the outcome of the next samples: a calibration's first rest, or a turn."""
+        """True while a person waits for a calibration's first rest or, from its first turn on, for its outcome."""
         return self.under_way is not None and self.under_way.awaited
 
     @property

@@ -34,7 +34,7 @@ class CalibrationProgress(CalibrationSession):
 
     @property
     def awaited(self) -> bool:
-        """True while a person waits for the outcome of the next samples: before the first rest or after a turn."""
+        """True while a person waits for a result: until the first rest is found, and from the first turn on."""
         return bool(self.turns) or not self.rested
 
     def judge(self, begun: float, ended: float, *, still: bool) -> list[Progress]:

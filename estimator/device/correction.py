@@ -24,15 +24,17 @@ _AS_READ = np.repeat([0.0, 1.0], 3)
 
 @dataclass(frozen=True, eq=False)
 class Correction:
-    """Parameters that correct a reading, with their uncertainty; frame: the sensor's axes.
+    """Parameters that correct a reading, with their uncertainty, in sensor axes.
 
-    model: matrix, bias, and standard deviations of noise and scale. quality: quality of the corrected rates.
-    bias_std (3,): standard deviation of the bias, rad/s. calibration: id of the calibration in use.
+    model: matrix (3, 3, no unit), bias (3, rad/s), and standard deviations of noise (rad/s), scale factors and
+    misalignment (relative).
+    quality: quality of the corrected rates. bias_std (3,): standard deviation of the bias, rad/s. calibration: id of
+    the calibration in use.
     flicker: standard deviation of the bias instability, rad/s. walk: rate random walk, rad/s/√s.
 
     `taught` and `accel` are used by the orientation estimate only, and are None until known.
     taught (21,), estimated from gravity: relative change of the matrix (9, row by row), its standard deviation (9), and
-    that of the accelerometer bias (3, m/s²).
+    the standard deviation of the accelerometer bias (3, m/s²).
     accel (9,), of a calibrated accelerometer: bias (3, m/s²), scale factors (3), standard deviation of the bias (3,
     m/s²).
     """
@@ -48,10 +50,11 @@ class Correction:
 
     @cached_property
     def told(self) -> Float32s:
-        """Parameters (6, 3) published with every CorrectedBatch, limited to the wire's range; TOLD names the rows.
+        """Parameters (6, 3) published with every CorrectedBatch, limited to the range of the wire format.
 
-        Rows 0 to 2: standard deviation of the corrected rate due to noise, bias and bias instability, rad/s. Rows 3 and
-        4: relative standard deviation of scale factor and misalignment. Row 5: bias of the reading, rad/s.
+        TOLD names the rows. Rows 0 to 2: standard deviation of the corrected rate due to noise, bias and bias
+        instability, rad/s. Rows 3 and 4: relative standard deviation of scale factor and misalignment. Row 5: bias of
+        the reading, rad/s.
         """
         model, rows = self.model, np.empty((6, 3))
         rows[0], rows[1], rows[2] = model.noise_std, self.bias_std, self.flicker
@@ -71,7 +74,8 @@ class Correction:
         Order: calibration matrix (9, row by row, no unit); bias (3, rad/s).
         Then standard deviations: bias (3, rad/s), matrix (9, relative), accelerometer bias (3, m/s²), white noise (3,
         rad/s), bias instability (1, rad/s).
-        Then rate random walk (1, rad/s/√s), accelerometer bias (3, m/s²), accelerometer scale factors (3).
+        Then rate random walk (1, rad/s/√s).
+        Then values of the accelerometer: bias (3, m/s²), scale factors (3, no unit).
         """
         model, accel = self.model, _AS_READ
         if self.taught is None:
@@ -101,9 +105,10 @@ class Correction:
 class Belief:
     """Prior knowledge of a gyro, before its bias is tracked: gyro model, bias uncertainty and origin.
 
-    model: scale factors, misalignment, bias (rad/s) and noise. bias_std (3,): standard deviation of the bias, rad/s.
-    quality: best possible quality of rates corrected with it. calibration: id of its calibration; empty for the
-    datasheet.
+    model: matrix (3, 3, no unit), bias (3, rad/s), and standard deviations of noise (rad/s), scale factors and
+    misalignment (relative). bias_std (3,): standard deviation of the bias, rad/s.
+    quality: best possible quality of rates corrected with this model. calibration: id of the calibration it comes from;
+    empty for the datasheet.
     """
 
     model: GyroModel
@@ -117,10 +122,11 @@ def believed(
 ) -> Belief:
     """Choose the best available gyro model: this boot's calibration, else an earlier boot's, else the datasheet.
 
-    calibration: of this boot, or None. earlier: of an earlier boot, or None; its bias is only a starting value.
+    calibration: of this boot, or None. earlier: of an earlier boot, or None; its bias is only a starting value. knobs:
+    settings of the prior.
     moves: relative standard deviation of the scale factors from boot to boot (see gyro_model.repeatability); None if
     unknown, then `knobs.scale_std` replaces it.
-    The standard deviation of the bias is `knobs.bias_std` in every case.
+    The standard deviation of the bias is `knobs.bias_std`, rad/s, in every case.
     """
     used = calibration or earlier
     if used is None:

@@ -147,9 +147,9 @@ class Lifecycle:
             self.reason = reason
 
     def on(self, event: Event, reason: Sentences = ()) -> bool:
-        """Apply an event to the state table, with a reason for the new state.
+        """Change the state as the state table lists it for an event; set the reason for the new state.
 
-        Returns whether the table allows the event in this state; if not, nothing has changed. An empty reason keeps the
+        Returns whether the table lists the event for this state; if not, nothing has changed. An empty reason keeps the
         present one.
         """
         meanwhile = self.away and event in _MEANWHILE

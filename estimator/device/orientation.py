@@ -12,6 +12,7 @@ from estimator.state import Floats
 class OrientedCut(NamedTuple):
     """Segment of samples, and the attitude at each sample.
 
+    cut: the segment. attitudes: unit quaternions from sensor to earth axes (n, 4), with acceleration and covariance.
     zero: sequence number of the sample at which the heading was set to zero, and the name of the person who set it. The
     name is `start` if nobody has.
     """

@@ -10,7 +10,8 @@ from estimator.device.window_summary import Second
 class Outcome:
     """Results of processing samples of one device; they may cover minutes of samples.
 
-    calibrations, revisions: messages to publish. seconds: finished blocks of samples, for window summaries.
+    calibrations, revisions: messages to publish. seconds: finished blocks of samples, each half a second or a second
+    long, for window summaries.
     changed: whether the device's status changed and must be published. said: lines to log, most important last.
     """
 

@@ -1,4 +1,4 @@
-"""Conversion of the bias filter's receipts into wire messages, every number within the wire's range."""
+"""Conversion of the bias filter's receipts (records of its updates) into messages, within the wire format's range."""
 
 import numpy as np
 

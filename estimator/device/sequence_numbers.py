@@ -28,9 +28,9 @@ class SequenceNumbers:
         self.first = 0
 
     def is_new_boot(self, boot: int) -> bool:
-        """Return whether a boot id is unknown, which means that the device has restarted.
+        """Return whether a boot id is new for this device, which means that the device has restarted.
 
-        Known are the present boot id and the earlier ids of the device.
+        Not new are the present boot id and the ids of earlier boots, also those from the lookup set by `recall`.
         """
         if boot == self.boot or boot in self._past:
             return False
@@ -55,7 +55,7 @@ class SequenceNumbers:
         self.first, self.next = first, next_
 
     def recall(self, boots: Callable[[], Iterable[int] | None]) -> None:
-        """Set a lookup for boot ids from before this estimator knew the device; their samples count as old.
+        """Set a lookup for boot ids from before this estimator knew the device; samples of these boots count as old.
 
         boots: returns the ids, latest last, or None while they are not available. The lookup is called when an unknown
         boot appears, until it returns ids. So a takeover of many devices need not load all boots first.

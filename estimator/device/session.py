@@ -50,13 +50,16 @@ OWN_REFUSED = "own calibration refused"
 class SessionState(StateStruct):
     """Saved state of a device session, up to sample number `next`, the first sample that no estimate has used.
 
-    first: number of the boot's first sample. last_heard_ns: host time of the last receipt, ns since the Unix epoch.
-    begun_s: device time of sample `next`, s; None when unknown. length_s: length of its block, s.
-    latest_s: device time of the sample before it, s. clock: device time of the boot's first sample, s, or None; device
-    time minus the device's own clock, s, which is 0 unless that clock went back.
+    version: of this format. first: number of the boot's first sample. last_heard_ns: host time of the last receipt, ns
+    since the Unix epoch.
+    begun_s: device time of sample `next`, s; None when unknown. length_s: length of its block, s. latest_s: device time
+    of the sample before it, s.
+    clock: two values. The first is the device time of the boot's first sample, s, or None. The second is device time
+    minus the device's own clock, s; it is 0 unless that clock went back.
     applied: correction of the block with sample `next`. ready: correction of the next block, unless a later estimate
     replaces it.
-    life: names of the lifecycle state and of the state before the device went away, and the reasons of both.
+    life: names of the lifecycle state and of the state before the device went away, and the reasons of both. learnt:
+    state of calibration and bias filter.
     attitude: orientation state after all samples corrected so far, and what set its heading to zero; None without one.
     """
 
@@ -94,7 +97,7 @@ class DeviceSession(CorrectedStream):
         law: TemperatureLaw | None = None,
         temperature_c: float | None = None,
     ) -> Outcome:
-        """Begin a boot: drop the calibration of the previous boot, then restore the stored knowledge of this one.
+        """Begin a boot: drop the calibration of the previous boot, then restore what is stored of this one.
 
         boot: its id. device_time: device time of the boot's start, s. temperature_c: the device's temperature now, °C,
         or None.
@@ -179,8 +182,8 @@ class DeviceSession(CorrectedStream):
     def offered(self, own: DeviceCalibration, now_ns: int) -> Outcome:
         """Check a calibration that the device made itself, and use it if it is plausible.
 
-        The device's calibration never replaces one that this estimator made in this boot, and waits while turns are in
-        progress.
+        It is ignored if this estimator made a calibration in this boot. It waits while the device is away, and while a
+        requested calibration or one with accepted turns is in progress.
         now_ns: host time, ns since the Unix epoch. The outcome is empty if the calibration is not checked.
         """
         learnt, known = self.learnt, self.calibration
@@ -319,7 +322,7 @@ class DeviceSession(CorrectedStream):
     def silence(self, reason: Sentences, event: Event = Event.SILENT) -> bool:
         """Mark the device as away, by an event of the lifecycle and its reason; return whether the state changed.
 
-        False if the device was away already; the reason may be updated then.
+        False if the device was away already; then at most the reason changes.
         """
         if not self.life.on(event, reason):
             unknown = (Event.OUTDATED, Event.UNREACHABLE) if self.life.state is State.UNKNOWN else ()
@@ -349,6 +352,7 @@ class DeviceSession(CorrectedStream):
         time_ns: time of the status, ns since the Unix epoch. silent_s: seconds since the last sample.
         bridge: id of the bridge whose samples are used. refused_bridges: ids of bridges whose samples are refused.
         epoch: number of this estimator's ownership; rises with each takeover. more: events counted outside the session.
+        placement: where and by whom the device is worn. alerts: alerts of the device that have not ended.
         Each receipt (record of one measurement update of the bias filter) appears in one status only.
         """
         known, learnt = self._ready, self.learnt

@@ -24,9 +24,9 @@ _WINDOWS = round(BLOCK_S * WINDOWS_HZ)
 
 
 class Second(NamedTuple):
-    """Samples of a finished block (about one second) of a device, and the correction applied to them.
+    """Samples of a finished block of a device (half a second or a second), and the correction applied to them.
 
-    rows (n, 9): device time (s), gyro (3, rad/s), accel (3, m/s²), clipped (0 or 1), temperature (°C).
+    rows (n, 9): device time (s), gyro (3, rad/s), accel (3, m/s²), clipped or stuck (0 or 1), temperature (°C).
     places (n, 3): sequence number, host time (ns since the Unix epoch), flags.
     """
 

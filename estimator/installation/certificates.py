@@ -22,7 +22,8 @@ _PROGRAMS = (
 def certify(plan: Plan, files: OwnedFiles) -> None:
     """Make missing certificates of a ward, renew those that expire soon, and copy new ones to the machines' folders.
 
-    Raises ValueError if an existing certificate names other hosts than the plan.
+    For each machine that runs only a bridge, a missing ward file is written, too. Raises ValueError if an existing
+    certificate names other hosts than the plan.
     """
     authority, page = Folder(plan.authority), Member(Role.PAGE, plan.ward)
     bridges = [Member(Role.BRIDGE, name) for name in plan.bridges]

@@ -1,4 +1,4 @@
-"""Calibration and correction of recordings with the same code as live, and the files of the results.
+"""Calibration and correction of recordings with the code of the live service, and the files of the results.
 
 Start reading at `recordings`.
 """

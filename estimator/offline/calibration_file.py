@@ -172,9 +172,10 @@ def as_json(calibration: Calibration) -> dict[str, Any]:
 
 
 def accelerometer_as_json(one: AccelerometerCalibration) -> dict[str, Any]:
-    """Return an accelerometer's calibration as JSON-compatible values, bias in m/s².
+    """Return an accelerometer's calibration as JSON-compatible values: bias in m/s², scale without unit.
 
-    Bias, scale and covariance are None if the calibration is not accepted.
+    The covariance (6, 6) is that of bias (3), then scale (3). Bias, scale and covariance are None if the calibration is
+    not accepted.
     """
     return {
         "verdict": one.verdict.name.lower(),

@@ -17,7 +17,8 @@ Singles = NDArray[np.float32]
 class CorrectedRecording:
     """Corrected rates of a recording: n rows, one per sample.
 
-    A row uses the knowledge at its sample's time, or, if `smoothed`, the knowledge from the whole recording.
+    Each row is corrected with calibration and bias as known at its sample's time. If `smoothed`, bias and attitude are
+    estimated from the whole recording, and the last calibration is used in every row.
 
     time_s (n,): seconds since the first sample. rate (n, 3): corrected rate, rad/s, in the sensor frame.
     rate_std (n, 3): its standard deviation, rad/s, from noise, bias, bias instability, scale and misalignment.

@@ -30,10 +30,10 @@ class AtRest:
 
     axes: for x, y and z: angle random walk (rad/s/√Hz), bias instability (rad/s), rate random walk (rad/s/√s), and the
     Allan deviation (rad/s) from which they follow.
-    start_s, end_s: start and end of the rest, s. total_s: length of the recording. rate_hz: measured samples per second
-    in the rest.
-    mean, std (3,): mean and standard deviation of the readings, rad/s. step (3,): least difference between readings,
-    rad/s.
+    start_s, end_s: start and end of the rest, s since the first sample. total_s: length of the recording, s. rate_hz:
+    measured samples per second in the rest.
+    mean, std (3,): mean and standard deviation of the readings, rad/s. step (3,): rounding step of the readings, which
+    is the smallest difference between unequal ones, rad/s.
     temperature_c: lowest and highest temperature, °C; None if not recorded.
     """
 
@@ -97,8 +97,8 @@ def identify_noise(recording: Recording) -> AtRest:
 def measured(rest: AtRest, like: NoiseModel) -> tuple[NoiseModel, dict[str, str]]:
     """Return a noise model of the measured device, and the origin of each of its fields as text, by field name.
 
-    like: noise model of the device's kind. A coefficient that the rest does not show is taken from `like`, or from the
-    measured upper limit if that is less.
+    like: noise model of the device's kind. A noise coefficient that the rest does not determine is taken from `like`,
+    or is the measured upper limit if that is less.
     """
     origin = {"step": "measured"}
 

@@ -1,4 +1,4 @@
-"""Calibration from a recording and correction of a recording, with the same detection, methods and session as live."""
+"""Calibration and correction of recordings, with the same detection, methods and session as in the live service."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -123,7 +123,7 @@ def correct(
     batch: int | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> CorrectedRecording:
-    """Correct a recording as the live service would: each row uses the knowledge at its sample's time.
+    """Correct a recording as the live service would: each row with calibration and bias known at its sample's time.
 
     calibration: calibration to correct with. From the same boot, its bias counts as old until the recording confirms
     it. A calibration counts as from another boot if `other_boot` is set, or if its boot, range or rate differs from the

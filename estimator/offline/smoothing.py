@@ -1,4 +1,4 @@
-"""Smoothing of a corrected recording: corrects it again with a bias that also uses later evidence."""
+"""Smoothing of a corrected recording: corrects it again with a bias that is estimated from later samples, too."""
 
 from dataclasses import replace
 from itertools import pairwise

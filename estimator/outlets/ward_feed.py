@@ -1,4 +1,4 @@
-"""Reader of a ward for robotics outlets: each sample once, poses on a grid, statuses, and events as text."""
+"""Reader of a ward for robotics outlets: each sample once, poses for a 3-D view, statuses, and events as text."""
 
 import math
 import time
@@ -17,10 +17,10 @@ _NOT_TURNED = (1.0, 0.0, 0.0, 0.0)
 
 
 class Pose(NamedTuple):
-    """Pose of a device in the frame of its ward.
+    """Pose of a device in the coordinate frame of its ward.
 
-    time_ns: ns since the Unix epoch. position: place on a display grid, m. quat_wxyz: unit quaternion from sensor to
-    earth axes, scalar first.
+    time_ns: host time, ns since the Unix epoch. position: place on a display grid, m; it is not measured. quat_wxyz:
+    unit quaternion from sensor to earth axes, scalar first.
     """
 
     device: str
@@ -32,7 +32,7 @@ class Pose(NamedTuple):
 class Event(NamedTuple):
     """Event of a device as text: a note, a calibration, or a change of its state.
 
-    time_ns: ns since the Unix epoch. serious: whether a person should look at the device.
+    time_ns: host time, ns since the Unix epoch. serious: whether a person should look at the device.
     """
 
     time_ns: int
@@ -83,7 +83,10 @@ class WardFeed:
         return [status for status in self._statuses.drain() if self._places.take(status.device, now_s)]
 
     def pose(self, rows: ImuRows) -> Pose:
-        """Return a device's pose at its last sample; an unknown orientation (NaN) becomes the identity rotation."""
+        """Return a device's pose: its place on the display grid, and its orientation at the last of the samples.
+
+        rows: joined samples of the device. An unknown orientation (NaN) becomes the identity rotation.
+        """
         w, x, y, z = rows.quat_wxyz[-1].tolist()
         turned = _NOT_TURNED if math.isnan(w) else (w, x, y, z)
         return Pose(rows.device, int(rows.time_ns[-1]), self._position(rows.device), turned)

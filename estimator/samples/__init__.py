@@ -1,1 +1,1 @@
-"""Samples of one device and boot as columns, the buffer that holds them, and blocks of a second of device time."""
+"""Samples of one device and boot as columns, their buffer, and blocks of half a second or a second of device time."""

@@ -17,8 +17,9 @@ CLOCK_LOST_S = 1.0
 class Blocks:
     """Cutter of the samples of one boot into blocks of device time; finished blocks go to `buffer`.
 
-    Blocks end where device time is a multiple of `length_s`, s.
-    began: device time at the start, s. latest: device time of the last sample, s.
+    began: device time at the start, s.
+    `length_s`: length of the next blocks, s; blocks end where device time is a multiple of it. `latest`: device time of
+    the last sample, s.
     """
 
     def __init__(self, began: float) -> None:

@@ -1,4 +1,7 @@
-"""Mean corrected rates (rad/s) at a lower sample rate. Mean times interval is the rotation of the averaged samples, rad."""
+"""Mean corrected rates (rad/s) at a lower sample rate.
+
+A mean rate multiplied by its interval (s) is the rotation (rad) during the averaged samples.
+"""
 
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -22,12 +25,12 @@ class _Interval:
 
 
 class MeanRates:
-    """Averager of one device's corrected rates over intervals of 1/hz device seconds.
+    """Averager of one device's corrected rates over intervals of 1/hz seconds of device time.
 
     hz: rate of the means, Hz.
-    A mean is a batch of one sample, with the number and times of the last sample of its interval. It has the mean rate
-    (rad/s), all flags of the samples, and noise_std (rad/s) of the mean. The other standard deviations stay unchanged,
-    because averaging does not reduce them.
+    A mean is a batch of one sample, with the sequence number and times of the last sample of its interval. It has the
+    mean rate (rad/s), all flags of the samples, and noise_std (rad/s) of the mean. The other standard deviations stay
+    unchanged, because averaging does not reduce them.
 
     The intervals end at multiples of 1/hz of the device's clock, so the means do not depend on batches or on where a
     stream resumes. A sample covers the time before its tick: at the end of an interval it belongs to that interval.

@@ -1,7 +1,7 @@
 """Samples of one device and boot as columns, and the buffer that holds them until the estimator has used them.
 
-Columns of rows (n, 9): device time (s), gyro (3, rad/s), accelerometer (3, m/s², NaN without), clipped (0 or 1),
-    temperature (°C, NaN when unknown).
+Columns of rows (n, 9): device time (s), gyro (3, rad/s), accelerometer (3, m/s², NaN without), clipped or stuck (0 or
+1), temperature (°C, NaN when unknown).
 Columns of places (n, 3): sequence number, host time (ns since the Unix epoch), flags.
 """
 
@@ -32,9 +32,10 @@ _ROOM = 256
 class Samples(NamedTuple):
     """Decoded samples of one message: rows (n, 9) float64 and places (n, 3) int64.
 
-    rows: device time (s), gyro (3, rad/s), accelerometer (3, m/s²), clipped (0 or 1), temperature (°C).
+    rows: device time (s), gyro (3, rad/s), accelerometer (3, m/s²), clipped or stuck (0 or 1), temperature (°C).
     places: sequence number, host time (ns since the Unix epoch), flags.
-    sequence: number of the first sample since boot. n: number of samples.
+    sequence: sequence number of the first sample; the device counts its samples from each boot on. n: number of
+    samples.
     first_s, last_s: device time of the first and the last sample, s.
     receive_time_ns: host time of receipt at the bridge, ns since the Unix epoch.
     tick_period_s: seconds per tick of the device's clock. clock_rate: host seconds per second of the device's clock.

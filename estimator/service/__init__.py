@@ -1,9 +1,9 @@
-"""Estimator service: one thread owns all devices, and a fault in one device affects that device only.
+"""Estimator service: one thread processes all devices, and a fault in one device affects that device only.
 
 Start reading at `run_loop`. The loop works in rounds: one round is one pass from reading new messages to publishing.
-Every sample that comes in goes out, or is counted with a reason; `periodic_checks` checks this.
+Every sample received is published, or is counted with a reason; `periodic_checks` checks this.
 
 A sample passes through these modules, after the bus has put it in order: `entrance` (is its device admitted and owned
-by this estimator?), `quota`, `intake`, `decode` and `device`. `cluster` shares a ward among several estimators:
-`membership` decides which estimator owns a device, `takeover` moves devices.
+by this estimator?), `quota`, `intake`, `decode` and `device`. `cluster` shares a ward's devices among several
+estimators: `membership` decides which estimator owns a device, `takeover` moves devices.
 """

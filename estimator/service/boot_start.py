@@ -1,4 +1,4 @@
-"""Start of a device's boot: restores stored calibrations, or states why no stored calibration applies."""
+"""Start of a device's boot (the time from a power-up to the next): restores a stored calibration or says why not."""
 
 import logging
 from collections.abc import Callable
@@ -22,9 +22,9 @@ log = logging.getLogger(__name__)
 
 
 class Boots:
-    """Starter of device boots, from stored knowledge and from other estimators' checkpoints.
+    """Starter of device boots, with knowledge from the store and from other estimators' checkpoints.
 
-    `treatment`: session settings of each device.
+    `treatment`: session settings by device and sensor model.
     """
 
     def __init__(self, parts: Parts) -> None:
@@ -33,8 +33,9 @@ class Boots:
         self.treatment = treatment(parts.settings)
 
     def begin(self, device: Device, batch: Samples, *, same: bool = True) -> Outcome:
-        """Begin a boot of a device from its first batch; restore knowledge of this boot or an earlier boot.
+        """Begin a boot of a device with its first batch of samples, and restore the stored calibration and bias.
 
+        If no calibration of this boot is stored, the scale factors of an earlier boot serve as a prior.
         same: False if another power-up used this boot number before. Then a stored calibration serves only as a prior
         for the scale factors.
         Returns the outcome for `Outcomes.tell`: lines to log and messages to publish.
@@ -91,11 +92,12 @@ class Boots:
         return kept[: kept.index(boot)] if kept is not None and boot in kept else kept
 
     def introduced(self, device: Device, info: DeviceInfo, before: DeviceInfo | None) -> Outcome | None:
-        """Apply a new device info from the owning bridge.
+        """Apply a device info (identity and settings) just received from the bridge that owns the device.
 
-        before: the bridge's previous info of the device, or None. Calibrations that do not match the new info are
-        dropped, and a matching calibration of an earlier boot is looked up as a prior.
-        Returns the outcome for `Outcomes.tell`; None if boot and restore key (model, firmware, range, rate) are
+        before: the bridge's previous info of the device, or None.
+        Calibrations that do not match the new info are dropped. A matching calibration of an earlier boot is looked up
+        as a prior.
+        Returns the outcome for `Outcomes.tell`. Returns None if boot and restore key (model, firmware, range, rate) are
         unchanged.
         """
         session = device.session

@@ -1,4 +1,4 @@
-"""Checkpoints of devices from all estimators, with which any estimator can continue any device. Pure."""
+"""Checkpoints (saved sessions) of devices from all estimators, so that any estimator can continue a session. Pure."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -16,8 +16,9 @@ Answers = tuple[tuple[str, CommandReply], ...]
 
 
 def checkpoint_of(device: Device, time_ns: int, answers: Answers = ()) -> Checkpoint | None:
-    """Build the checkpoint of a device: all that another estimator needs to continue it; None before its first boot.
+    """Build the checkpoint of a device, from which another estimator can continue its session.
 
+    None before the device's first boot.
     time_ns: host time, ns since the Unix epoch. answers: the latest command replies of the device, each with its verb.
     """
     session = device.session
@@ -51,7 +52,7 @@ def calibrated(checkpoint: Checkpoint) -> Calibration | None:
 class Checkpoints:
     """Latest checkpoint and latest command replies of each device, from any estimator.
 
-    devices: largest number of devices kept; beyond it the longest unchanged is dropped.
+    devices: largest number of devices kept; beyond it, the device whose checkpoint arrived longest ago is dropped.
     """
 
     def __init__(self, devices: int) -> None:
@@ -60,10 +61,10 @@ class Checkpoints:
         self._answers: dict[str, Answers] = {}
 
     def note(self, checkpoint: Checkpoint) -> None:
-        """Keep a checkpoint unless one of a higher epoch (number of an ownership) is known.
+        """Keep a checkpoint, unless the one already kept has a higher epoch.
 
-        Checkpoints of one epoch arrive in order. The calibration of a lower-epoch checkpoint is still used if the known
-        checkpoint of the same boot has none.
+        The epoch is the ownership number, which rises with each takeover. Checkpoints of one epoch arrive in order.
+        The calibration of a lower-epoch checkpoint is still used if the kept checkpoint of the same boot has none.
         """
         self.answer(checkpoint.device, checkpoint.answers)
         known = self._latest.get(checkpoint.device)
@@ -101,15 +102,16 @@ class Checkpoints:
         return self._latest.get(device)
 
     def lately_from(self, device: str, now_ns: int) -> str:
-        """Return the bridge named by a device's latest checkpoint; empty if that is older than LATELY_NS at `now_ns`.
+        """Return the bridge named in a device's latest checkpoint, or an empty string if the checkpoint is too old.
 
-        now_ns: host time, ns since the Unix epoch. A device that was silent for longer may be on another bridge.
+        Too old is a checkpoint made more than LATELY_NS before `now_ns` (host time, ns since the Unix epoch). By then
+        the device may be on another bridge. Empty also without a checkpoint.
         """
         known = self._latest.get(device)
         return known.bridge if known is not None and abs(now_ns - known.time_ns) <= LATELY_NS else ""
 
     def forget(self, device: str) -> None:
-        """Drop the checkpoint of a device, because it is out of date or the device is to be forgotten."""
+        """Drop the checkpoint of a device; does nothing if there is none."""
         self._latest.pop(device, None)
 
     def prior(self, info: DeviceInfo) -> Calibration | None:

@@ -36,9 +36,8 @@ class Cluster:
     """Membership, ownership and checkpoints of the ward's estimators, as seen from one of them.
 
     own: id of this estimator. now_ns: the host's clock, ns since the Unix epoch. counts: the ward's counts of refused
-    and lost messages.
-    peers: ids of other estimators seen at the start. Runs on the service's own thread, except the handler of liveliness
-    tokens.
+    and lost messages. peers: ids of other estimators seen at the start.
+    Runs on the service's own thread, except the handler of liveliness tokens.
     """
 
     def __init__(
@@ -85,12 +84,13 @@ class Cluster:
     # ---- what the others say ----------------------------------------------------------------------------------------
 
     def look(self, now: float, *, heard: bool) -> list[str]:
-        """Read the other estimators' messages, once a round; return the ids of devices that another estimator took.
+        """Process the other estimators' messages; return the ids of devices that another estimator took.
 
-        now: monotonic time, s. heard: whether samples arrived in this round. While no message at all arrives, silence
-        of the other estimators does not count.
-        Sets `came`: whether another estimator appeared. Sets `calibrated`: checkpoints with a calibration that former
-        owners sent of devices held here.
+        Called once a round of the run loop. now: monotonic time, s. heard: whether samples arrived in this round.
+        While neither samples nor other estimators' messages arrive, no estimator counts as dead for its silence.
+        Sets `came`: whether another estimator appeared.
+        Sets `calibrated`: checkpoints of devices held here that contain a calibration and were sent by an earlier owner
+        of the device.
         """
         membership, self.came, self.calibrated = self.membership, False, []
         said = self._heard.drain(512, 0.0)
@@ -118,9 +118,10 @@ class Cluster:
         return list(lost)
 
     def look_round(self, now: float, devices: Collection[str]) -> None:
-        """Once a second: give up ownership of all devices but `devices`, and schedule a search for unowned devices.
+        """Give up all held devices except `devices`, and schedule a search for unowned devices; called once a second.
 
-        now: monotonic seconds. The search is done by the next `take`.
+        now: monotonic time, s. The next `take` does the search. If other estimators exist and no router is connected,
+        no device is taken for HOLD_OFF_S seconds.
         """
         self.membership.keep(devices)
         if self.company and not self._bus.connected:  # alone, no other estimator takes what this one leaves
@@ -188,11 +189,11 @@ class Cluster:
     # ---- which devices are ours ---------------------------------------------------------------------------------------
 
     def take(self, others: Mapping[str, Sequence[Message]], now: float) -> dict[str, list[Message]]:
-        """Take ownership of the devices that this estimator should own now.
+        """Take ownership of the devices that this estimator should own now; return their sample messages by device.
 
-        Returns each with its backlog of sample messages.
         others: messages of this round by device, of devices that this estimator does not hold. now: monotonic time, s.
-        If other estimators exist, at most TAKEN_AT_ONCE devices are taken per call.
+        Without other estimators, the returned messages are those in `others`. Otherwise they are the device's messages
+        of the last REPLAY_S seconds, and at most TAKEN_AT_ONCE devices are taken per call.
         """
         self.replay.tidy(now)
         wanted = [device for device in others if self.membership.wants(device, now)]
@@ -221,9 +222,10 @@ class Cluster:
         return self.membership.held.get(device) or self.membership.take(device, self._now_ns())
 
     def answers(self, key: keys.Key) -> bool:
-        """Return whether this estimator must answer a command, given the command's key.
+        """Return whether this estimator must answer a command, given the command's bus key.
 
-        An estimator answers for the devices it holds, for unclaimed devices that belong to it, and for its own alerts.
+        It answers for the devices that it holds, and for acknowledgements of its own alerts. It also answers for a
+        device that no estimator holds, if the hash assigns the device to it.
         """
         if key.ids["verb"] == "acknowledge" and key.device in self.membership.members:
             return key.device == self.membership.own
@@ -267,8 +269,8 @@ class Cluster:
     def tell(self, device: Device) -> None:
         """Publish a device's checkpoint for the other estimators.
 
-        Without other estimators the checkpoint is only kept in memory, and only if another estimator had the device
-        before.
+        Without other estimators nothing is published. The checkpoint is then kept in memory, if another estimator held
+        the device before.
         """
         alone = not self.company
         if alone and self.replicas.of(device.name) is None:

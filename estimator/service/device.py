@@ -44,7 +44,8 @@ class Device:
 
     silence_s: silence after which the device counts as lost, s. now: monotonic time, s. began: device time at the start
     of the boot, s.
-    epoch: number of this estimator's ownership. troubles: event counts of the whole estimator, which may change.
+    epoch: number of this estimator's ownership; rises with each takeover. troubles: event counts of the whole
+    estimator, which every status includes.
     """
 
     def __init__(
@@ -147,7 +148,7 @@ class Device:
         self.say("orientation", payload)
 
     def look_round(self) -> None:
-        """Once a second: switch window summaries and orientation on or off, as subscribers need them."""
+        """Switch window summaries and orientation on or off, as subscribers need them; called once a second."""
         oriented = self._is_wanted("orientation")
         self._unwanted_s = 0 if oriented else self._unwanted_s + 1
         if oriented and self.session.attitude is None:
@@ -157,9 +158,9 @@ class Device:
         self.session.windowed = self._is_wanted("@windowed")
 
     def stands(self, standing: Iterable[Alert], now: float) -> None:
-        """Replace the alert board by one with alerts that were raised before a restart or a takeover.
+        """Replace the device's alerts by those that were raised before a restart or a takeover.
 
-        now: monotonic time, s.
+        standing: alerts that have not ended. now: monotonic time, s.
         """
         self.board = Board(self._alerts, standing, now)
 
@@ -191,7 +192,7 @@ class Device:
         self.say("calibration", payload)
 
     def hold(self, calibration: str, payload: bytes) -> None:
-        """Hold back corrected rates until a calibration is stored, since before that nobody could look it up.
+        """Hold back corrected rates until their calibration is stored, so that subscribers can look it up.
 
         calibration: its id. payload: the encoded calibration, which `let_go` publishes.
         """
@@ -227,13 +228,13 @@ class Device:
             self.say_calibration(known.id, codec.encode_calibration(replace(known, epoch=self.epoch)))
 
     def say_revision(self, revision: BiasRevision) -> None:
-        """Publish a revision of past biases; does nothing if too few of its points are within the wire's limits."""
+        """Publish a revision of past biases; does nothing if `output.revision` leaves too few points."""
         fit = output.revision(revision)
         if fit is not None:
             self.say("revision", codec.encode_revision(fit))
 
     def status(self, time_ns: int) -> Status:
-        """Build the complete status message of the device, every number within the wire's limits.
+        """Build the complete status message of the device, every number within the limits of the wire format.
 
         time_ns: host time, ns since the Unix epoch.
         """
@@ -254,7 +255,7 @@ class Device:
     def delay(self) -> float:
         """Return the seconds from receipt to publication of the first sample published since the last call.
 
-        NaN without one.
+        NaN if no sample was published.
         """
         delay_s, self._delay_s = self._delay_s, None
         return math.nan if delay_s is None else delay_s
@@ -262,7 +263,7 @@ class Device:
     def use(self, knobs: SessionKnobs, alerts: Alerts | None = None) -> None:
         """Apply changed settings: of alerts at once, of the session from the next boot or calibration on.
 
-        alerts: None keeps the present ones.
+        knobs: settings of the session. alerts: settings of the alerts; None keeps the present ones.
         """
         self._knobs = self.session.knobs = knobs
         self._alerts = self.board.settings = alerts or self._alerts
@@ -273,7 +274,7 @@ class Device:
         return self.session.life.away and ended(self.session.life.reason)
 
     def restart(self) -> None:
-        """Start a new session after a failure. The next batch, if not a repeat, begins a boot in it.
+        """Start a new session after a failure; the next batch with new samples begins a boot in it.
 
         Samples that were received and not published count as dropped.
         """

@@ -36,10 +36,11 @@ class DeviceLoss:
         self._presence, self._gate, self._waiting, self._silence_s = presence, gate, waiting, silence_s
 
     def look(self, device: Device, now: float) -> None:
-        """Check one device, once a second; if it has been silent for too long, mark its session as lost and log why.
+        """Check one device; if it has been silent for too long, mark its session as lost and log why.
 
-        now: monotonic time, s. The limit is a silence of `silence_s` seconds, or SETTLED_S seconds from the time at
-        which a live bridge withdrew the device.
+        Called once a second. now: monotonic time, s.
+        The limit is a silence of `silence_s` seconds. SETTLED_S seconds are enough if a live bridge withdrew the
+        device's liveliness token at least SETTLED_S seconds ago.
         """
         silent_s = now - device.heard
         if silent_s <= min(self._silence_s, SETTLED_S) or device.key in self._waiting:

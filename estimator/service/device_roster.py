@@ -1,4 +1,4 @@
-"""Roster of known devices: bounds their number, and contains a failure in one device's work.
+"""Roster of known devices: bounds their number, and lets a failure in one device's work affect that device only.
 
 Silent devices that were never calibrated make room for new ones.
 """
@@ -63,7 +63,10 @@ class DeviceRoster(dict[str, Device]):
         return self._infos.get((bridge, device))
 
     def note(self, info: DeviceInfo) -> None:
-        """Keep a bridge's info of a device. When full, the oldest info of a device that sends nothing is dropped."""
+        """Keep the latest info that a bridge sent of a device, for at most MAX_DEVICES pairs of bridge and device.
+
+        Beyond that, the oldest info of a device that sends nothing is dropped.
+        """
         name = info.bridge, info.device
         self._infos.pop(name, None)
         if len(self._infos) >= MAX_DEVICES:

@@ -1,4 +1,4 @@
-"""Start of devices in this estimator: new, resumed after an orderly stop, or continued from another's checkpoint."""
+"""Start of devices in this estimator: new, resumed after an orderly stop, or continued from another estimator."""
 
 import logging
 from collections.abc import Callable
@@ -24,8 +24,9 @@ log = logging.getLogger(__name__)
 class DeviceStarts:
     """Starter of devices: creates them and puts them into the roster.
 
-    resumed: progress of each device before a restart. tell(device, outcome): reports the outcome of a start. listed:
-    whether a `[devices]` table of the ward file names all devices.
+    resumed: last sample of each device that was corrected before a restart of this estimator.
+    tell(device, outcome): reports the outcome of a start. listed: whether a `[devices]` table of the ward file names
+    all devices.
     """
 
     def __init__(
@@ -53,9 +54,10 @@ class DeviceStarts:
     def begin(self, batch: Samples, now: float) -> Device | None:
         """Create a device from its first batch; None if the roster has no room.
 
-        now: monotonic time, s. Only samples of the owner, one bridge, are used. The owner is the bridge that another
-        estimator or the last run used; if there is none, the bridge of this batch. If this estimator was stopped in an
-        orderly way during the same boot of the device, the saved session continues.
+        now: monotonic time, s.
+        Samples are used from one bridge only, the owner. The owner is the bridge named in a recent checkpoint, else the
+        bridge of the last run, else the bridge of this batch.
+        If this estimator made an orderly stop during the same boot of the device, the session saved then continues.
         """
         devices, cluster = self._parts.devices, self._parts.cluster
         if not devices.room(now, batch.n):
@@ -71,8 +73,8 @@ class DeviceStarts:
     def take_over(self, name: str, now: float) -> Device | None:
         """Continue a device from another estimator's checkpoint; return the device of this name in the roster, or None.
 
-        now: monotonic time, s. Without a usable checkpoint or without room the device is not created; it starts with
-        its first sample.
+        now: monotonic time, s. Without a usable checkpoint or without room in the roster, nothing is created. The
+        device then starts with its first sample.
         """
         devices, known = self._parts.devices, self._parts.cluster.replicas.of(name)
         if known is None or not known.state or not devices.room(now, 0):
@@ -100,8 +102,9 @@ class DeviceStarts:
         self._last_run = {}
 
     def adopt(self, known: Checkpoint) -> None:
-        """Adopt a calibration that another estimator made during a network partition, so that no turns are repeated.
+        """Adopt a calibration of the present boot from another estimator's checkpoint, so that no turns are repeated.
 
+        Another estimator can make such a calibration during a network partition.
         Does nothing if the device is unknown, in another boot, calibrated already, or no longer matches the
         calibration.
         """

@@ -1,4 +1,4 @@
-"""Lookup of knowledge from earlier boots of the same hardware, in the store and in other estimators' checkpoints."""
+"""Lookup of a device's earlier boots: calibrations and biases in the store and in other estimators' checkpoints."""
 
 import logging
 from collections.abc import Callable
@@ -79,7 +79,7 @@ class EarlierBoots:
 
         session: its settings of the bias filter are used. info: hardware of the device.
         then(law): called on the service's thread; law is None if there is none. The fit runs on the store's thread,
-        since it takes as long as correcting many samples.
+        since it may take long.
         """
         knobs = session.knobs.track.bias
         self._clerk.look_up(lambda: learn(self._store.points(info), knobs), then)

@@ -52,7 +52,10 @@ class EnrolmentGate:
         self.strangers: dict[str, Stranger] = {}
 
     def look(self, now: float) -> None:
-        """Once a second: drop strangers that were silent for LISTED_S seconds. now: monotonic time, s."""
+        """Drop strangers (refused devices) that were silent for LISTED_S seconds; called once a second.
+
+        Strangers that their own bridge has sent since are dropped, too. now: monotonic time, s.
+        """
         gone = [name for name, stranger in self.strangers.items() if now - stranger.heard > LISTED_S]
         for name in {*gone, *(self.strangers.keys() & self._heard)}:
             del self.strangers[name]

@@ -56,9 +56,11 @@ class Newcomers:
         return True
 
     def look(self, now: float, *, kept: Callable[[str], bool], proven: Callable[[str], bool]) -> None:
-        """Once a second: stop counting calibrated and forgotten devices against the limits. now: monotonic time, s.
+        """Stop counting calibrated and forgotten devices against the limits; called once a second.
 
-        kept(device): whether the device is still in the roster. proven(device): whether it has a calibration.
+        now: monotonic time, s. kept(device): whether the device is still in the roster. proven(device): whether it has
+        a calibration.
+        A device is forgotten if it is not in the roster FORGET_S seconds after its admission.
         """
         for (bridge, device), since in list(self._probation.items()):
             if (now - since > FORGET_S and not kept(device)) or proven(device):
@@ -84,7 +86,7 @@ class Newcomers:
 
 
 class Entrance:
-    """Sorter of sample messages: our devices, other admitted devices, and refused devices.
+    """Sorter of sample messages: of devices held by this estimator, of other admitted devices, of refused devices.
 
     newcomers: filter for new devices; None if a `[devices]` list names the ward's devices. Decisions are remembered by
     bus key until the next `look`, once a second.
@@ -96,17 +98,17 @@ class Entrance:
         self._admitted: dict[str, str] = {}
 
     def enrolled(self, messages: Sequence[Message], now: float) -> list[Message]:
-        """Return the messages of enrolled devices, and those with malformed keys; the others are counted.
+        """Return the messages of enrolled devices, and those with malformed keys.
 
-        now: monotonic time, s.
+        Messages of devices that are not enrolled are counted and left out. now: monotonic time, s.
         """
         return [one for one in messages if not all(ids := _ids(one.key)) or self._gate.admits(*ids, now)]
 
     def sort(self, messages: Sequence[Message], now: float) -> tuple[list[Message], dict[str, list[Message]]]:
         """Split messages into those of our devices, and, by device, those of admitted devices that we do not hold.
 
-        now: monotonic time, s. If other estimators exist, messages of both kinds are kept for a takeover. Messages of
-        refused devices are counted.
+        now: monotonic time, s. If other estimators exist, messages of both kinds are also copied to the replay log, for
+        a takeover. Messages of refused devices are counted and left out.
         """
         held, replay = self._cluster.membership.held, self._cluster.replay if self._cluster.company else None
         ours, others = list[Message](), dict[str, list[Message]]()
@@ -123,9 +125,9 @@ class Entrance:
         return ours, others
 
     def look(self, now: float, devices: DeviceRoster) -> None:
-        """Once a second: forget silent strangers and silent new devices; clear remembered decisions on bus keys.
+        """Forget silent refused devices and silent new devices; called once a second.
 
-        now: monotonic time, s.
+        Remembered decisions on bus keys are cleared. now: monotonic time, s. devices: the roster.
         """
         self._gate.look(now)
         if self.newcomers is not None:

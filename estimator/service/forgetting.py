@@ -1,4 +1,4 @@
-"""Removal of devices: those that ended long ago, and those that a person wants removed."""
+"""Removal of devices: those that will not send again, such as ended recordings, and those that a person removes."""
 
 import time
 
@@ -16,15 +16,15 @@ FORGET, ERASE = "forget", "erase"
 
 
 class Forgetting:
-    """Remover of devices from this estimator's memory, from the pages, and on request from the store."""
+    """Remover of devices from this estimator's memory, from the web pages, and on request from the store."""
 
     def __init__(self, parts: Parts, gate: EnrolmentGate, presence: Presence, checks: PeriodicChecks) -> None:
         self._parts, self._gate, self._presence, self._checks = parts, gate, presence, checks
 
     def look(self, now: float) -> None:
-        """Once a second: forget devices that ended long ago; their entries in the store remain.
+        """Forget devices that are not expected to send again and were silent for ENDED_S seconds.
 
-        now: monotonic time, s.
+        Called once a second. now: monotonic time, s. The devices' entries in the store remain.
         """
         for device in self._parts.devices.over(now):
             self._drop(device)

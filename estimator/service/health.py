@@ -1,4 +1,4 @@
-"""Health of the service for /metrics, /healthz and /readyz: noted once a second, read from any thread."""
+"""Health of the service for /metrics, /healthz and /readyz: recorded once a second, read from any thread."""
 
 import math
 import time
@@ -23,7 +23,7 @@ class DeviceHealth(NamedTuple):
     status: the latest one published. nis: mean normalised innovation squared per degree of freedom; about 1 for a
     consistent filter. latency_s: seconds from a sample's receipt to its publication, NaN if unknown.
     violations: how often received = corrected + dropped did not hold. needs_person: whether a person has to act.
-    alerts: kinds of the standing alerts.
+    alerts: kinds of the alerts that have not ended.
     """
 
     status: Status
@@ -40,9 +40,9 @@ class Note:
 
     time_s: monotonic time, s. connected: whether a router is connected. store: why the store cannot be written, or
     empty.
-    devices: health by device id. violations: how often received = corrected + dropped did not hold. counts: refused and
-    lost messages and samples, by cause. busy: working share of the loop's last second, 0 to 1.
-    alerts: kinds of the estimator's own standing alerts.
+    devices: health by device id. violations: how often received = corrected + dropped did not hold, over all devices.
+    counts: refused and lost messages and samples, by cause. busy: working share of the loop's last second, 0 to 1.
+    alerts: kinds of the estimator's own alerts that have not ended.
     """
 
     time_s: float
@@ -58,7 +58,8 @@ class Note:
 class ServiceHealth:
     """Holder of the latest health snapshot; answers for /metrics, /healthz and /readyz.
 
-    expects: whether the ward file lists devices; then hearing none is a fault. clock: returns monotonic time, s.
+    expects: whether the ward file lists devices; if so, the service is not ready while no device sends usable samples.
+    clock: returns monotonic time, s.
     """
 
     def __init__(
@@ -79,9 +80,10 @@ class ServiceHealth:
         return HealthSource(self.families, self.sick, self.unready)
 
     def sick(self) -> list[str]:
-        """Return the reasons for /healthz why the process is not alive: its loop is stuck. Empty while it is alive.
+        """Return the reasons for /healthz why the process is not alive; empty while it is alive.
 
-        A process that waits for its first router counts as alive.
+        It is not alive if its loop has made no snapshot for more than STUCK_S seconds. A process that waits for its
+        first router counts as alive.
         """
         age = 0.0 if self._note is None else self._clock() - self._note.time_s
         return [f"the service's loop has been stuck for {age:.0f} s"] if age > STUCK_S else []

@@ -1,16 +1,16 @@
 """Membership of estimators in a ward, and ownership of devices by rendezvous hashing. Pure: `now` is monotonic time, s.
 
 A device belongs to the live estimator with the highest rendezvous hash. That estimator takes the device under a new
-epoch (number of an ownership). The estimator keeps the device until another estimator claims it under a higher epoch.
-Subscribers use the messages of the highest epoch.
+epoch: an ownership number, which rises with each takeover. The estimator keeps the device until another estimator
+claims it under a higher epoch. Subscribers use the messages of the highest epoch.
 
 Every estimator must reach the same answer by itself, although each may know different devices. So devices are not
 counted, and are shared as evenly as chance allows (300 devices on three estimators: 100 ± 8 each).
 
-An epoch is higher than every epoch received, so that an owner loses against its successor. An epoch is also no
-lower than the time, so that estimators that all restarted continue above the epochs that subscribers know. The last
-bits are derived from the estimator's id. So two estimators on opposite sides of a network partition take one device
-under different epochs.
+An epoch is higher than every epoch received, so that an owner loses against its successor. An epoch is also no lower
+than the host time in ns, so that estimators that all restarted continue above the epochs that subscribers know. The
+last bits are derived from the estimator's id. So two estimators on opposite sides of a network partition take one
+device under different epochs.
 """
 
 from collections.abc import Collection, Iterator
@@ -129,14 +129,15 @@ class Membership:
             self._peers[name] = _Peer(now - LEASE_S)
 
     def hear(self, *epochs: int) -> None:
-        """Raise `highest` to the highest of these received epochs; impossibly high epochs are ignored."""
+        """Raise `highest` to the highest of these received epochs; epochs of BEYOND or more are wrong and ignored."""
         self.highest = max(self.highest, *(epoch for epoch in epochs if epoch < BEYOND), 0)
 
     def said(self, owned: Owned, now: float) -> list[str]:
-        """Process an ownership message; return the devices that its sender claims from this estimator.
+        """Process an ownership message; return the devices that its sender has taken from this estimator.
 
-        owned: lists the devices that the sender holds, with epochs. A device counts if this estimator holds it under a
-        lower epoch; of equal epochs, the one of the later estimator id wins. now: monotonic time, s.
+        owned: lists the devices that the sender holds, with epochs. now: monotonic time, s.
+        The sender has taken a device if its epoch is higher than the one under which this estimator holds the device.
+        If the epochs are equal, the estimator id that sorts later wins.
         """
         if owned.estimator == self.own:
             return []
@@ -153,9 +154,9 @@ class Membership:
         return [h.device for h in others if (h.epoch, owned.estimator) > (self.held[h.device], self.own)]
 
     def look(self, now: float) -> tuple[list[str], list[str]]:
-        """Update `members`; return the ids that appeared and the ids that disappeared since the last call, sorted.
+        """Update `members`, the ids of live estimators; return the ids that appeared and the ids that disappeared.
 
-        now: monotonic time, s.
+        Both lists are sorted, and relative to the last call. now: monotonic time, s.
         """
         living = {name for name, peer in self._peers.items() if peer.token and now - peer.heard_s < LEASE_S}
         before, there = set(self.members), {self.own, *living}
@@ -167,17 +168,20 @@ class Membership:
         return sorted(there - before), sorted(before - there)
 
     def owns(self, device: str) -> bool:
-        """Return whether a device belongs to this estimator, by its hash among the live estimators.
+        """Return whether the hash assigns a device to this estimator, among the live estimators.
 
         Another estimator may still hold the device.
         """
         return owner(device, self.members) == self.own
 
     def wants(self, device: str, now: float) -> bool:
-        """Return whether to take a device now: it belongs to this estimator, is not held, and no hold-off is running.
+        """Return whether this estimator should take a device now. now: monotonic time, s.
 
-        now: monotonic time, s. False while another estimator is in a calibration of the device, whose turns would be
-        lost. False also for HOLD_OFF_S seconds after this estimator lost the device to a live estimator.
+        All of these must hold:
+        - The hash assigns the device to this estimator, which does not hold it yet.
+        - No hold-off (time in which no device is taken) is running.
+        - No other estimator is in a calibration of the device, since a takeover would lose its turns.
+        - This estimator did not lose the device to a live estimator in the last HOLD_OFF_S seconds.
         """
         if device in self.held or not self.ready(now) or not self.owns(device):
             return False
@@ -215,7 +219,8 @@ class Membership:
     def answers(self, device: str) -> bool:
         """Return whether this estimator answers commands for a device.
 
-        True if it holds the device, or owns a device that no estimator holds.
+        True if it holds the device, or if no other estimator is alive. Also True if the hash assigns the device to it
+        and no other estimator holds the device.
         """
         if device in self.held or self.alone:
             return True

@@ -21,9 +21,9 @@ class Moves:
         self.latest: deque[Move] = deque(maxlen=_LATEST)
 
     def came(self, devices: int, why: Sentences) -> None:
-        """Record that `devices` devices came to this estimator, with the reason.
+        """Record that this estimator took over `devices` devices, and the reason.
 
-        Consecutive arrivals for the same reason count as one move.
+        Consecutive takeovers for the same reason count as one move.
         """
         if self.latest and self.latest[-1].came and self.latest[-1].reason == why:
             devices += self.latest.pop().came

@@ -59,9 +59,9 @@ class Outcomes:
             self.tell(device, device.session.learn())
 
     def say_windows(self) -> None:
-        """Publish window summaries (statistics over 0.1 s) of the finished blocks, once a round of the run loop.
+        """Publish window summaries (statistics over 0.1 s) of the blocks of samples that have been finished.
 
-        A failure is logged and counted; only BusError is raised.
+        Called once a round of the run loop. A failure is logged and counted; only BusError is raised.
         """
         due, self._blocks = self._blocks, []
         if not due:

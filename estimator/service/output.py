@@ -17,7 +17,7 @@ _OTHERS = "others"
 
 
 def status(said: Status) -> Status:
-    """Return a copy of a status with every number clipped to the wire's range.
+    """Return a copy of a status with every number clipped to the range of the wire format.
 
     NaN becomes 0; NaN of a standard deviation or age becomes the largest value. An unknown temperature stays NaN. If
     there are too many count labels, the rarest are summed as "others".
@@ -37,9 +37,9 @@ def status(said: Status) -> Status:
 
 
 def linear_accel(found: NDArray[np.float64]) -> bytes:
-    """Pack linear acceleration as float32 bytes within the wire's range; empty where it is unknown.
+    """Pack linear acceleration as float32 bytes within the range of the wire format; empty bytes if unknown.
 
-    found (n, 3): acceleration without gravity, m/s².
+    found (n, 3): acceleration without gravity, m/s². It counts as unknown if its first value is NaN.
     """
     if isnan(found.item(0)):
         return b""
@@ -48,9 +48,11 @@ def linear_accel(found: NDArray[np.float64]) -> bytes:
 
 
 def revision(said: BiasRevision) -> BiasRevision | None:
-    """Return a copy of a bias revision without the points that subscribers would refuse, evenly thinned to MAX_POINTS.
+    """Return a copy of a bias revision without the points that subscribers would refuse.
 
-    None if fewer than MIN_POINTS points remain, or the matrix is outside the wire's range.
+    If more than MAX_POINTS points remain, they are thinned evenly to MAX_POINTS.
+    None if fewer than MIN_POINTS points remain, or if an element of the calibration matrix is too large for the wire
+    format.
     """
     known = ((said.bias_std >= 0) & (said.bias_std < np.inf) & (np.abs(said.bias) <= MAX_RATE)).all(axis=1)
     known &= (said.sequences <= MAX_SEQUENCE) & (said.times_ns >= 0) & (said.times_ns <= validation.MAX_TIME_NS)

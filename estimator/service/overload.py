@@ -42,8 +42,9 @@ class Overload:
     def look(self, now: float) -> int:
         """Check whether the loop keeps up; return the length of the present overload in s, 0 without an overload.
 
-        now: monotonic time, s. An overload begins when the busy share has been above BUSY (0.95) for PERSISTS_S (5)
-        seconds. The overload ends OVER_S (10) seconds after the last such period.
+        now: monotonic time, s. Call it once a second.
+        An overload begins when the busy share has been above BUSY (0.95) for PERSISTS_S (5) seconds. It ends OVER_S
+        (10) seconds after this condition last held.
         """
         passed_s, self._looked = now - self._looked, now
         if passed_s > 0:

@@ -17,11 +17,12 @@ LOOK_S = 30.0
 
 
 class OwnAlerts:
-    """Alert board of an estimator for its machine: disk, clock, certificate and backups.
+    """Alerts of an estimator about its machine: disk, clock, certificate and backups.
 
-    own: id of the estimator. standing: alerts raised before a restart. told(change): called for each change.
-    copies_fail(): whether copying backups to the S3 bucket fails. now_s: monotonic time, s.
-    look_up(work): runs work that may wait for a disk.
+    own: id of the estimator. standing: alerts raised before a restart that have not ended. told(change): called for
+    each change of an alert.
+    copies_fail(): whether copying backups to the S3 bucket fails. now_s: monotonic time, s. look_up(work): runs work
+    that may wait for a disk.
     """
 
     def __init__(
@@ -56,9 +57,9 @@ class OwnAlerts:
         self._machine = frozenset(found)
 
     def look(self, now: float, time_ns: int) -> None:
-        """Once a second: raise and clear the estimator's alerts.
+        """Raise and clear the estimator's alerts; called once a second.
 
-        now: monotonic time, s. time_ns: ns since the Unix epoch.
+        now: monotonic time, s. time_ns: host time, ns since the Unix epoch.
         """
         if now >= self._next_s:
             self._next_s = now + LOOK_S

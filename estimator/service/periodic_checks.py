@@ -1,6 +1,6 @@
 """Periodic checks, once a second: conservation of samples, and the snapshot for health and metrics.
 
-Conservation law: every sample that came in went out, or was dropped and counted with a reason.
+Conservation law: every sample received was corrected and published, or was dropped and counted with a reason.
 """
 
 import logging
@@ -25,9 +25,9 @@ TOLD_S = 10.0
 
 
 class SampleAccount(NamedTuple):
-    """Sample counts of one device: `came` in, `out` corrected and published, and `dropped` with a reason.
+    """Sample counts of one device: `came` (received), `out` (corrected and published), and `dropped` with a reason.
 
-    `refused` samples came from another bridge and are not part of `came`.
+    `refused` samples were sent by a bridge other than the owner and are not part of `came`.
     """
 
     came: int
@@ -54,11 +54,11 @@ class PeriodicChecks:
         self._next_s = float("-inf")
 
     def came(self, samples: int) -> None:
-        """Add a number of decoded samples."""
+        """Add `samples` to the number of decoded samples, which `check` compares with the counts of all devices."""
         self._decoded += samples
 
     def check(self) -> None:
-        """Check the conservation law: every sample that came in went out, or was dropped with a reason.
+        """Check the conservation law: every sample received was published, or was dropped with a reason.
 
         Call it between two rounds of the run loop. Each new violation is counted, and logged once per device.
         """
@@ -112,8 +112,9 @@ class PeriodicChecks:
     ) -> None:
         """Publish the health snapshot of all devices in the roster, and log the totals.
 
-        now: monotonic time, s. store: why the store cannot be written, or empty. counts: the ward's counts. busy:
-        working share of the loop, 0 to 1. alerts: kinds of the estimator's own standing alerts.
+        now: monotonic time, s. connected: whether a router is connected. store: why the store cannot be written, or
+        empty. counts: the ward's counts of refused and lost messages.
+        busy: working share of the loop, 0 to 1. alerts: kinds of the estimator's own alerts that have not ended.
         """
         self.log(now, counts)
         devices = {name: seen for name, seen in self._seen.items() if name in self._devices}

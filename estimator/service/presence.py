@@ -38,7 +38,7 @@ class Presence:
         self._waiting.append((key, alive))
 
     def note(self, now: float) -> None:
-        """Process the queued token changes. now: monotonic time, s."""
+        """Process the token changes that `change` has queued. now: monotonic time, s."""
         while self._waiting:
             name, alive = self._waiting.popleft()
             try:

@@ -51,9 +51,9 @@ class _Queue:
 class Quotas:
     """Fair queue of bus messages: a round of the run loop takes a limited share of each key's messages, in their order.
 
-    Each message counts for at least 1024 bytes. Of a key, a round takes at most SHARE_BYTES bytes, or one larger
-    message. After about ROUND messages in total, the remaining keys wait for the next round.
-    At most QUOTA_BYTES bytes of a key wait; beyond that the oldest messages are dropped.
+    From each key, a round takes at most SHARE_BYTES bytes, or one message that is larger. Each message counts for at
+    least 1024 bytes. After about ROUND messages in total, the remaining keys wait for the next round.
+    For each key, at most QUOTA_BYTES bytes wait; beyond that the oldest messages are dropped.
     dropped(key, messages): called with the number of messages dropped.
     """
 

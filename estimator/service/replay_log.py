@@ -1,4 +1,4 @@
-"""Replayed samples: the backlog of a device taken over, and samples corrected before a restart. Pure."""
+"""Logs for replays: sample messages kept for a takeover, and the last samples corrected before a restart. Pure."""
 
 from collections import Counter, deque
 from collections.abc import Collection, Mapping, Sequence
@@ -79,9 +79,10 @@ class ReplayLog:
 
 
 class Resumed:
-    """Progress of each device before a restart; recognises replayed samples that were corrected then.
+    """Last sample of each device corrected before a restart; recognises replayed samples that were corrected already.
 
-    reached: boot, sequence number, host time (ns since the Unix epoch) and bridge, by device. now: monotonic s.
+    reached: boot, sequence number, host time (ns since the Unix epoch) and bridge of this sample, by device. now:
+    monotonic time of the start, s.
     """
 
     def __init__(self, reached: Mapping[str, Reached], now: float) -> None:
@@ -117,7 +118,8 @@ def since(messages: Sequence[Message], boot: int, following: int) -> list[Messag
 
     messages: in order of arrival. boot: id of the session's boot. following: number of the first sample that the
     session has not processed.
-    Kept are messages of this boot with samples from `following` on, and all messages after the last processed one.
+    A message of this boot is selected if it contains samples from `following` on. All messages that arrived after the
+    last processed one are selected, too.
     Consecutive messages are merged into few large ones.
     """
     left = [(message, _read(message)) for message in messages]

@@ -1,7 +1,7 @@
 """Retention of a device's past: SQL conditions that select old rows. `Store.thin` deletes them.
 
-One point of bias history a minute makes some 500,000 rows a year and device. A device that reboots every minute makes
-as many boots.
+One point of bias history a minute makes some 500,000 rows a year for each device. A device that reboots every minute
+makes as many boots.
 """
 
 # ruff: noqa: S608 - our own words

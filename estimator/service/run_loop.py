@@ -1,4 +1,7 @@
-"""Run loop of the estimator: the only thread that changes sessions and store, between the bus and the pure cores."""
+"""Run loop of the estimator: one thread that reads the bus, processes samples and commands, and publishes.
+
+Only this thread changes the devices' sessions.
+"""
 
 import logging
 import math
@@ -173,8 +176,8 @@ class Service:
     def step(self, timeout_s: float) -> int:
         """Run one round of the loop: process samples, commands, and periodic work that is due.
 
-        timeout_s: longest wait for a sample message, s. Returns the number of sample messages that arrived or still
-        wait.
+        timeout_s: longest wait for a sample message, s.
+        Returns the number of sample messages received in this round plus the number still queued after it.
         """
         waits = time.monotonic()
         hurry = len(self._quotas) > 0 or bool(self._outcomes.to_learn) or bool(self._to_look)
@@ -203,6 +206,7 @@ class Service:
     def work(self, until: float = math.inf) -> None:
         """Update estimates from finished blocks of samples, and do the once-a-second work of devices.
 
+        It includes: detect a lost device, raise and clear alerts, publish the status, publish and store checkpoints.
         until: monotonic time, s, at which the work pauses; the rest waits for the next call.
         """
         for waiting, do in ((self._outcomes.to_learn, self._outcomes.learn), (self._to_look, self._look_after)):

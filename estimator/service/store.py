@@ -65,9 +65,9 @@ class Store(StoreReader):
         self.database.insert("calibrations", row, "ON CONFLICT (id) DO NOTHING")
 
     def add_boot(self, info: DeviceInfo, time_ns: int) -> None:
-        """Store a boot of a device with its settings; a repeat only fills in unknown model, firmware, range and rate.
+        """Store a boot of a device with its settings; of a boot stored already, only unknown settings are filled in.
 
-        time_ns: host time, ns since the Unix epoch.
+        The settings are model, firmware, range and rate. time_ns: host time, ns since the Unix epoch.
         """
         row: Row = {"device": info.device, "boot": keys.boot_id(info.boot), "time_ns": time_ns}
         row |= {"cause": BootCause(info.boot_cause).name, **restore_key(info)}
@@ -113,7 +113,10 @@ class Store(StoreReader):
                 self.database.insert("bias_history", row | {"temperature_c": celsius})
 
     def save_epoch(self, epoch: int) -> None:
-        """Store the highest known epoch (number of an ownership), in place of the stored one."""
+        """Store the highest known epoch, in place of the stored one.
+
+        The epoch is the ownership number, which rises with each takeover.
+        """
         row: Row = {"number": 1, "epoch": epoch}
         self.database.insert("epochs", row, "ON CONFLICT DO UPDATE SET epoch = excluded.epoch")
 

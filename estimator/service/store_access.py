@@ -43,8 +43,8 @@ class StoreAccess:
     """Reads and writes of the ward's store for the service; no method raises StoreError.
 
     clerk: the store's thread. replicas: checkpoints from other estimators. tell(device): publishes its checkpoint.
-    guard(device, work): runs one device's work and contains its failures. now_ns: the host's clock, ns since the Unix
-    epoch.
+    guard(device, work): runs work of one device; a failure restarts only that device's session. now_ns: the host's
+    clock, ns since the Unix epoch.
     """
 
     def __init__(
@@ -74,9 +74,10 @@ class StoreAccess:
         return self._store.database.trouble
 
     def collect(self, now: float) -> None:
-        """Call back for finished writes; release calibrations and replies that waited too long for a failing disk.
+        """Call the callbacks of finished writes; release what has waited too long for a failing disk.
 
-        now: monotonic time, s.
+        These are calibrations, which are then published, and replies to commands, which are then sent. now: monotonic
+        time, s.
         """
         self._clerk.collect()
         while self._due and (self._due[0][0] <= now or self.trouble):
@@ -90,7 +91,7 @@ class StoreAccess:
     # ---- calibrations -----------------------------------------------------------------------------------------------
 
     def recall(self, device: Device, boot: int) -> PriorKnowledge | None:
-        """Look up the knowledge of exactly this boot: its calibration, and the bias last tracked.
+        """Look up what is stored of exactly this boot: its calibration, and the bias last tracked.
 
         Sources are the disk, pending writes and other estimators' checkpoints. None if nothing is known, or if another
         power-up used the boot number.
@@ -121,7 +122,7 @@ class StoreAccess:
         return ours
 
     def stopped(self, device: str, boot: int) -> Checkpoint | None:
-        """Return the checkpoint of a boot that this estimator stored at an orderly stop, or None."""
+        """Return the checkpoint that this estimator saved at an orderly stop during this boot of a device, or None."""
         state, bridge = self._store.session(device, boot)
         if not state:
             return None
@@ -130,8 +131,8 @@ class StoreAccess:
     def holds(self, device: Device, known: Checkpoint) -> bool:
         """Return whether another estimator's checkpoint is consistent with the calibrations stored here.
 
-        True: the checkpoint's calibration, if any, is then stored here, too. False: this calibration belongs to an
-        earlier power-up, or a later one is stored here.
+        True: the checkpoint has no calibration of its boot, or this calibration is now being stored here. False: this
+        calibration belongs to an earlier power-up, or a later one is stored here.
         """
         if (said := calibrated(known)) is None:
             return True
@@ -141,7 +142,7 @@ class StoreAccess:
         return True
 
     def calibration(self, device: Device, c: Calibration, now: float) -> None:
-        """Store a new calibration with the bias; publish it once on disk, or after 0.5 s if the disk fails.
+        """Store a new calibration with the bias; publish it once it is on disk, or after 0.5 s if the disk fails.
 
         now: monotonic time, s. A calibration that subscribers could not decode is neither stored nor published. A
         rejected calibration is recorded in the audit.
@@ -226,9 +227,10 @@ class StoreAccess:
     # ---- where it was -----------------------------------------------------------------------------------------------
 
     def reached(self) -> dict[str, tuple[int, int, int, str]]:
-        """Return the last corrected sample of each device, as far back as bridges may replay samples.
+        """Return the last sample that the stored bias of each device used, if stored within the last CACHE_NS ns.
 
-        By device id: boot id, sequence number, host time in ns since the Unix epoch, and bridge.
+        Bridges may replay samples of this period. By device id: boot id, sequence number, host time in ns since the
+        Unix epoch, and bridge.
         """
         return self._store.reached(self._now_ns() - CACHE_NS)
 

@@ -31,8 +31,8 @@ class StoreCare:
     def tend(self, now: float, epoch: int) -> None:
         """Start the maintenance that is due; call it once a second.
 
-        now: monotonic time, s. epoch: highest known epoch (number of an ownership). Whether a backup is due is checked
-        every BACKUP_S seconds. Old rows are deleted every THIN_S seconds.
+        now: monotonic time, s. epoch: highest known epoch (ownership number, which rises with each takeover).
+        Whether a backup is due is checked every BACKUP_S seconds. Old rows are deleted every THIN_S seconds.
         """
         database = self._store.database
         if not self._looks:  # a disk that hangs is looked at once

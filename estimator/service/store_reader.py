@@ -72,9 +72,9 @@ class StoreReader:
         ]
 
     def alerts(self, device: str) -> list[tuple[Alert, int | None]]:
-        """Return all alerts of a device or an estimator, oldest first, each with its end.
+        """Return all alerts of a device or an estimator, oldest first, each with the time of its end.
 
-        The end is host time, ns since the Unix epoch; None while the alert stands.
+        This is host time, ns since the Unix epoch; None if the alert has not ended.
         """
         names = "kind", "since_ns", "raised_ns", "acknowledged_ns", "who"
         return [
@@ -109,7 +109,7 @@ class StoreReader:
         return found if calibration is None or kept.calibration == calibration.id else found.under(calibration)
 
     def session(self, device: str, boot: int) -> tuple[bytes, str]:
-        """Return the session of a boot as bytes, saved at an orderly stop, and its bridge's id.
+        """Return the session saved as bytes at an orderly stop during a boot, and the id of the bridge it used.
 
         Bytes and id are empty if no session was saved.
         """
@@ -141,11 +141,12 @@ class StoreReader:
         return Before(ids, max((row["time_ns"] for row in repeats), default=None))
 
     def reached(self, since_ns: int) -> dict[str, tuple[int, int, int, str]]:
-        """Return the last sample used for the latest stored bias, by device id.
+        """Return the last sample that the stored bias of each device used, by device id.
 
-        Values: boot id, sequence number, host time in ns since the Unix epoch, and bridge, empty where unknown. Only
-        biases stored at or after `since_ns`, ns since the Unix epoch, count. Devices with a requested recalibration, or
-        with turns taken, are left out: the bridges' caches may hold the turns.
+        since_ns: biases stored before this host time, ns since the Unix epoch, do not count.
+        Values: boot id, sequence number, host time in ns since the Unix epoch, and bridge, empty where unknown.
+        Devices with a requested recalibration, or with turns taken, are left out: bridges may replay the samples of
+        these turns.
         """
         found: dict[str, tuple[int, int, int, str]] = {}
         for row in self.database.rows("bias", "time_ns >= ?", (since_ns,), "time_ns"):
@@ -156,10 +157,11 @@ class StoreReader:
         return found
 
     def last_run(self, within_ns: int) -> dict[str, tuple[int, int, str]]:
-        """Return the devices that were served at the end of the last run, or were lost then.
+        """Return the devices that were served at the end of the last run, or whose `lost` alert had not ended.
 
-        within_ns: length of the end of the run, ns, counted back from the newest bias of the store. By device id: boot
-        id, host time at which its bias was stored in ns since the Unix epoch, and bridge, empty if unknown.
+        within_ns: a device was served if its bias was stored at most so many ns before the newest bias of the store.
+        By device id: boot id, host time at which its bias was stored in ns since the Unix epoch, and bridge, empty if
+        unknown.
         """
         newest = self.database.select("SELECT max(time_ns) AS time_ns FROM bias")
         if not newest or newest[0]["time_ns"] is None:
@@ -173,7 +175,10 @@ class StoreReader:
         }
 
     def epoch(self) -> int:
-        """Return the highest stored epoch (number of an ownership); 0 if none is stored."""
+        """Return the highest stored epoch; 0 if none is stored.
+
+        The epoch is the ownership number, which rises with each takeover.
+        """
         return max((int(row["epoch"]) for row in self.database.rows("epochs")), default=0)
 
     def prior(self, info: DeviceInfo) -> Calibration | None:

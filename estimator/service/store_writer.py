@@ -59,7 +59,8 @@ class StoreWriter:
         """Queue a write for the store's thread. soon: do not wait up to GATHER_S seconds for more writes.
 
         done(error) is called in `collect`: with None once the write is on disk, or with the error if the write failed
-        for good. Beyond MOST waiting writes, `done` is called at once with an error.
+        for good. If MOST writes wait already, or after `close`, the write is refused and `done` is called at once with
+        an error.
         """
         with self._more:
             refused = self._closing or len(self._waiting) >= MOST

@@ -1,4 +1,4 @@
-"""Takeover of devices between estimators: release devices to a new owner, and continue devices of another."""
+"""Takeover of devices between estimators: releases devices to a new owner, and continues those of another estimator."""
 
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
@@ -35,10 +35,12 @@ class Takeover:
         self._left = deque[tuple[float, Publisher]]()
 
     def look(self, now: float, *, heard: bool) -> None:
-        """Read the other estimators' messages, once a round, and release the devices that they have taken over.
+        """Process the other estimators' messages, and release the devices that they have taken over.
 
-        now: monotonic time, s. heard: True if samples arrived in this round; while nothing arrives, no other estimator
-        counts as dead. A calibration that the former owner of one of our devices finished late is adopted.
+        Called once a round of the run loop. now: monotonic time, s. heard: True if samples arrived in this round; while
+        nothing arrives, no other estimator counts as dead.
+        An earlier owner may have calibrated a device that is held here now. The device adopts this calibration if it
+        has none in this boot.
         """
         cluster = self._parts.cluster
         if lost := cluster.look(now, heard=heard):

@@ -1,4 +1,4 @@
-"""WebSocket server for Foxglove: channels, the frame of each device, and the service that requests a calibration.
+"""WebSocket server for Foxglove: channels, coordinate frames of devices, and the service that requests a calibration.
 
 The samples of a device are sensor_msgs/msg/Imu messages as CDR, as in recordings and on ROS 2; Foxglove plots this
 schema by its field names. foxglove-sdk sends to each client from a bounded queue, and drops the oldest messages of a
@@ -48,7 +48,7 @@ _ANSWER = {"type": "object", "properties": {"accepted": {"type": "boolean"}, "me
 
 
 class FoxgloveOutlet:
-    """WebSocket server that shows one ward to Foxglove; a context manager that ends the server.
+    """WebSocket server that shows one ward to Foxglove; as a context manager, it ends the server on exit.
 
     devices: ids, None for all. recalibrate: whether clients may request a calibration.
     Raises ConfigError if it cannot listen on host and port.

@@ -1,4 +1,4 @@
-"""Copier of a ward's messages to LSL: batches to their device's streams, notes and calibrations as markers."""
+"""Copier of a ward's messages to LSL: batches to their device's streams; people's notes and calibrations as markers."""
 
 import threading
 import time
@@ -130,7 +130,7 @@ class LslOutlet:
 
 
 class Boots:
-    """Source of markers from a device's batches: reboots and missing samples.
+    """Finder of reboots and missing samples in devices' batches, which become markers.
 
     Call `missed` for a gap before `before` is called with the batch after the gap.
     """
@@ -140,7 +140,10 @@ class Boots:
         self._missing: dict[str, int] = {}
 
     def missed(self, miss: Miss) -> None:
-        """Count samples that did not arrive, until the next batch of their device. miss: the gap in the stream."""
+        """Add to the number of samples that did not arrive, which `before` reports with the device's next batch.
+
+        miss: the gap in the stream.
+        """
         self._missing[miss.device] = self._missing.get(miss.device, 0) + miss.count
 
     def before(self, batch: CorrectedBatch) -> list[str]:
