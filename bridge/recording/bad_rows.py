@@ -33,9 +33,9 @@ Place = Callable[[str, int, int], tuple[str, str]]
 
 
 def in_arrays(column: str, sample: int, _axis: int) -> tuple[str, str]:
-    """Describe where a value is, for an error: the quoted name of its column, and the text ` at sample N`.
+    """Return the position of a value, for an error: the quoted name of its column, and the text ` at sample N`.
 
-    sample: row number, from 0. Pass this function to `drop_bad_rows` as `place` for a file of arrays.
+    sample: row number, from 0. _axis: not used. A `Table` read from a file of arrays has this function as `place`.
     """
     return repr(column), f" at sample {sample}"
 
@@ -43,9 +43,11 @@ def in_arrays(column: str, sample: int, _axis: int) -> tuple[str, str]:
 def drop_bad_rows(path: Path, columns: dict[str, Floats], place: Place, notes: list[str]) -> None:
     """Drop rows whose rate is missing or impossible; interpolate gaps in acceleration and temperature.
 
-    columns: in SI units, by name; changed in place. An acceleration or temperature is removed if its
-    good rows are less than 2 %, or more than 20 % are beyond its limit.
-    If rows are dropped, the column `row` holds the number that each remaining row had before.
+    columns: as in `Table.columns`; changed in place. The limits of plausible values are MAX_RATE (rad/s), MAX_ACCEL
+    (m/s²) and MAX_CELSIUS (°C).
+    An acceleration or temperature is removed if less than 2 % of its rows are good, or more than 20 % are beyond the
+    limit.
+    If rows are dropped, a column `row` (n,) is added: the row number, from 0, that each remaining row had before.
     place(column, row, axis): returns the name of a value in the file and the text of its position, for errors.
     notes: a sentence is added for each repair.
     Raises RecordingError if more than 20 % of the rows have bad rates or times.

@@ -21,7 +21,7 @@ def write(
     """Write columns of samples to an open file, in the format that the file ending names.
 
     ending: one of ENDINGS, such as `.csv`. columns: arrays (n,), (n, 3) or (n, 4) by name; the name states the unit.
-    facts: arrays about the whole recording, such as its device; only .npz and .h5 store them.
+    facts: arrays of any shape about the whole recording, by name, such as `device`; only .npz and .h5 store them.
     tell(done, n): reports progress while a .csv is written: the number of rows written, and of all rows.
     """
     if ending == ".npz":
@@ -63,9 +63,10 @@ def _names(column: str, values: NDArray[np.generic]) -> list[str]:
 
 
 def rows_of(values: list[NDArray[np.generic]], separator: str = ",", missing: str = "nan") -> Iterator[tuple[int, str]]:
-    """Yield the rows of columns (n,) as text, some thousands at a time, each text with the number of rows done so far.
+    """Format columns (n,) as rows of text; yields pairs: number of rows formatted so far, text of the latest rows.
 
-    values: the columns. separator: text between cells. missing: text that replaces NaN.
+    Each text has some thousands of rows, one a line. values: the columns. separator: text between cells.
+    missing: text that replaces NaN.
     """
     forms = [{"f4": "%.9g", "f8": "%.9f"}.get(column.dtype.str[1:], "%s") for column in values]
     row_form, n = separator.join(forms) + "\n", len(values[0])

@@ -113,7 +113,10 @@ def _from_its_boot(stretch: Stretch) -> bool:
 
 
 def facts(stretch: Stretch) -> Columns:
-    """Return arrays that describe a whole stretch (samples of one boot): device, boot and, if known, rate_hz."""
+    """Return facts about a whole stretch (samples of one boot), by name, as arrays of shape ().
+
+    device: id. boot: 16 hexadecimal digits. rate_hz: output data rate, Hz; left out if unknown.
+    """
     told: Columns = {"device": np.array(stretch.device), "boot": np.array(boot_id(stretch.boot))}
     return {**told, "rate_hz": np.array(stretch.rate_hz)} if stretch.rate_hz else told
 

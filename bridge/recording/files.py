@@ -118,8 +118,9 @@ class Folder:
     def expired(self, more_bytes: int, now_ns: int, keep_s: float, keep_bytes: float) -> Iterator[tuple[Finished, str]]:
         """Yield the recordings to delete, oldest first, each with the setting that requires it: keep_days or keep_gb.
 
-        more_bytes: size of the recording under way, which counts and is never deleted. now_ns: host time, ns since the
-        Unix epoch. keep_s: largest age, s. keep_bytes: largest total size.
+        more_bytes: size of the recording under way; it counts towards the total size, but is never deleted.
+        now_ns: host time, ns since the Unix epoch. keep_s: largest age, s, for keep_days. keep_bytes: largest total
+        size, for keep_gb.
         """
         finished = self.finished()
         left = more_bytes + sum(one.bytes for one in finished)

@@ -68,7 +68,7 @@ class _Held(BytesIO):
 class McapWriter:
     """Writer of one MCAP file. A message is in the file when the next `flush` after `add` has returned.
 
-    file: any binary file. name, facts: metadata record at the beginning of the file.
+    file: binary, open for writing. name, facts: name and content of the metadata record at the beginning of the file.
     messages: number of messages in the file. pending: number of messages not yet flushed.
     After an OSError, the file contains all flushed messages. The `pending` messages are lost, and no message can
     be added.
@@ -97,7 +97,8 @@ class McapWriter:
     ) -> int:
         """Return the channel number for a topic and schema, for use in `add`; the first call adds the channel.
 
-        schema, definition: name and data of the schema. facts: metadata of the channel.
+        schema, definition: name and data of the schema. facts: metadata of the channel. encoding: of the schema and of
+        the channel's messages.
         """
         if schema not in self._schemas:
             self._schemas[schema] = self._writer.register_schema(schema, encoding.schema, definition)
@@ -107,9 +108,10 @@ class McapWriter:
         return self._channels[topic, schema]
 
     def add(self, channel: int, log_ns: int, publish_ns: int, payload: bytes) -> None:
-        """Add one message to a channel; flushes if more than HELD_BYTES are not yet flushed.
+        """Add one message to a channel; flushes if HELD_BYTES or more are not yet flushed.
 
-        log_ns, publish_ns: log time and publish time, ns since the Unix epoch. Raises OSError if that flush fails.
+        channel: number from `channel`. log_ns, publish_ns: log time and publish time, ns since the Unix epoch.
+        payload: the encoded message. Raises OSError if that flush fails.
         """
         self._sequences[channel] += 1
         self._writer.add_message(channel, log_ns, payload, publish_ns, self._sequences[channel] & 0xFFFFFFFF)
@@ -118,7 +120,7 @@ class McapWriter:
             self.flush()
 
     def flush(self) -> None:
-        """End the chunk and append it to the file, completely or not at all.
+        """Append the pending messages to the file as one MCAP chunk, completely or not at all.
 
         Raises OSError if the write fails, for example on a full disk.
         """

@@ -35,7 +35,7 @@ class PerSample:
     """Converter of a ward's batches to one ROS 2 message (a Copy) per sample.
 
     Readings have the topic `/WARD/DEVICE/imu_raw`, corrected samples `/WARD/DEVICE/imu`. A sample that arrives twice is
-    converted once. `now_s` is the time of a steady clock, s.
+    converted once. ward: id of the ward.
     """
 
     def __init__(self, ward: str) -> None:

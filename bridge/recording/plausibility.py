@@ -37,9 +37,9 @@ _FEW_VALUES, _WHITE, _WINDOWS = 6, 0.7, 1000
 
 
 def check_time(path: Path, time_s: Floats) -> None:
-    """Check that sample times (n,), s, have the median step of an IMU. path: the file's name in the error.
+    """Check that sample times (n,), s, give a plausible sampling rate: the inverse of their median step.
 
-    Raises RecordingError if the sampling rate is not from SLOWEST_HZ to FASTEST_HZ.
+    path: the file's name in the error. Raises RecordingError if the rate is not from SLOWEST_HZ to FASTEST_HZ.
     """
     step = float(np.median(np.diff(time_s)))
     if 1 / FASTEST_HZ <= step < 1 / SLOWEST_HZ:

@@ -14,7 +14,7 @@ class Reading(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     gyro_sensitivity, accel_sensitivity: raw counts per °/s and per g.
     columns: names or numbers, from 1, of the gyro's x, y, z columns, optionally followed by the accelerometer's x, y,
     z. Alternatively the name of a known tool, or a .toml file that describes one.
-    time_column: name or number of the time column. accel_file: a second file with the accelerometer.
+    time_column: name or number of the time column. accel_file: path of a second file, which has the accelerations.
     device, boot: part of the recording to read: name of the device, topic, stream or sensor; number of the boot, from
     1.
 
@@ -66,17 +66,17 @@ class Reading(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
     @property
     def gyro_factor(self) -> float | None:
-        """Factor from the file's numbers to rad/s; None if no option states it."""
+        """Factor that converts the file's numbers to rad/s; None without gyro_unit and gyro_sensitivity."""
         return GYRO["deg/s"] / self.gyro_sensitivity if self.gyro_sensitivity else unit_in(self.gyro_unit or "", GYRO)
 
     @property
     def accel_factor(self) -> float | None:
-        """Factor from the file's numbers to m/s²; None if no option states it."""
+        """Factor that converts the file's numbers to m/s²; None without accel_unit and accel_sensitivity."""
         return ACCEL["g"] / self.accel_sensitivity if self.accel_sensitivity else unit_in(self.accel_unit or "", ACCEL)
 
     @property
     def time_factor(self) -> float | None:
-        """Factor from the file's numbers to seconds; None if no option states it."""
+        """Factor that converts the file's times to seconds; None without time_unit."""
         return unit_in(self.time_unit or "", TIME)
 
 

@@ -69,8 +69,8 @@ class Account:
 class WardRecorder:
     """Recorder of one ward's messages to MCAP files, without a bus or a clock of its own.
 
-    Call `begin`, then `take` and `tick` repeatedly, then `close`, all from one thread. `account` has the counts.
-    wall_ns: UTC, ns since the Unix epoch. now_s: monotonic time, s.
+    Call `begin`, then `take` and `tick` repeatedly, then `close`, all from one thread. `account` counts recorded and
+    lost messages. place: folder for the files. ward: id.
     copied(path): True if a finished file has its copy in object storage, or needs none. If False, the log says so when
     the file is deleted.
     """
@@ -93,7 +93,7 @@ class WardRecorder:
         self._expire_s, self._undeletable = -inf, set[Path]()
 
     def use(self, settings: Recorder) -> None:
-        """Use other settings from now on; `folder`, `wait_s` and `per_sample` do not change."""
+        """Use other settings from now on; new values of `folder`, `wait_s` and `per_sample` are ignored."""
         self._settings = settings
 
     @property

@@ -103,7 +103,7 @@ class Recording:
     def device_time(self) -> Floats:
         """Time (n,) of each sample by the device's clock, s; `time_s` if that clock is unknown.
 
-        With the device's clock, stillness windows begin at the same samples as in live processing.
+        The rest detector then divides a recording into the same windows as in live processing.
         """
         return self.time_s if self.told is None else np.asarray(self.told.ticks * self.told.tick_period_s, np.float64)
 

@@ -63,7 +63,7 @@ class WardFile:
 
 
 class RecordingFile(WardFile):
-    """MCAP file that a recorder is writing. output: the open file.
+    """MCAP file that a recorder is writing. ward: id for the file's metadata. output: the open file.
 
     Raises OSError if the beginning of the file cannot be written; the file is then deleted.
     """

@@ -46,7 +46,13 @@ def show(console: Console, survey: Survey) -> None:
 
 
 def as_json(survey: Survey) -> dict[str, Any]:
-    """Return a survey of recordings as one JSON-compatible object; times in ns since the Unix epoch, biases in rad/s."""
+    """Return a survey of recordings as one JSON-compatible object.
+
+    Keys, with the values of `Survey`: wards, first_ns, last_ns, duration_s, messages, bytes (size of the files),
+    refused, trouble, and devices by id.
+    Keys of a device: model, firmware, rate_hz, boots (as in `survey.Boot`), calibrations (as in `Calibration`) and
+    notes (time_ns, who, text). Times in ns are host times since the Unix epoch. Biases are in rad/s, sensor frame.
+    """
     return {
         "wards": sorted(survey.wards),
         "first_ns": survey.first_ns,

@@ -21,8 +21,9 @@ def sample_times(
 ) -> tuple[Floats, list[int]]:
     """Return the time (n,) of each kept row, s, and the index of the first row of each boot.
 
-    columns: arrays by name; changed in place: rows are sorted by time, and repeated rows dropped. tick_s: duration of
-    one count of the time column, s; 0 if unknown. rate: rate stated by the file or the user, Hz, or None.
+    columns: as in `Table.columns`; changed in place: rows are sorted by time, and repeated rows dropped.
+    tick_s: duration of one count of the file's time column, s; 0 if unknown. rate: sampling rate that the file or the
+    user states, Hz, or None. reading: the options given by the user.
     notes: a sentence is added for each repair.
     Raises RecordingError if the times cannot be repaired or are implausible, or if neither times nor a rate are known.
     """

@@ -76,7 +76,7 @@ class Stretch:
     def columns(self) -> Columns:
         """Columns (n,), (n, 3) or (n, 4) by name: readings, computed rates, orientation, host_time_ns, sequence, flags.
 
-        The names state the units.
+        Names, shapes and units are those of the .npz file in `bridge.recording.export`.
         """
         found: Columns = {"t_s": self.time_s, "gyro_rad_s": self.gyro}
         if self.accel is not None:

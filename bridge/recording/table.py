@@ -84,7 +84,8 @@ def recording_of(path: Path, table: Table, reading: Reading) -> Recording:
 def believed(path: Path, gyro: Floats, accel: Floats | None, rate_hz: float, notes: list[str]) -> Floats | None:
     """Check gyro and acceleration, and return the acceleration (n, 3), m/s²; None if it is implausible.
 
-    gyro (n, 3): rad/s. rate_hz: sampling rate. notes: a sentence is added for each doubt; all notes are logged.
+    gyro (n, 3): rad/s. accel (n, 3): m/s², or None. rate_hz: sampling rate. path: the file's name in messages.
+    notes: a sentence is added for each doubt; all notes are logged.
     Raises RecordingError for impossible gyro readings.
     """
     check_gyro(path, gyro, rate_hz)

@@ -60,7 +60,8 @@ def simulate_session(
     sensor axis.
     replacement_deg: closure error of a turn (end attitude against start attitude), standard deviation per axis.
     Raises ValueError if the number of rests does not fit the number of turns.
-    Scale, bias and noise draws depend on the seed alone: changing the motion or the noise level keeps the device.
+    The random draws of scale, bias and noise depend on the seed alone. Sessions with other motion or noise level
+    therefore have the same simulated device.
     """
     script_rng, device_rng = np.random.default_rng(seed).spawn(2)
     plan = SessionPlan(rests_s, turns, turn_s, wobble_deg, tilt_deg, replacement_deg)

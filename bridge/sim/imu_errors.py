@@ -138,7 +138,7 @@ class ImuErrorModel:
         self._white = float(np.sqrt(faster))
 
     def read(self, motion: TrueMotion, temperature_c: Array | None = None) -> Readings:
-        """Return the readings of the next stretch of true motion.
+        """Return the readings for samples of true motion, which must follow those of the last call.
 
         motion: its times are in s since the boot's first sample interval began. temperature_c (n,): sensor temperature;
         None for the warm-up curve of the spec.

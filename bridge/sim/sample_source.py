@@ -100,7 +100,10 @@ class Source(Protocol):
         """
 
     def read(self) -> Samples | None:
-        """Return the next samples, about one second long; None after the last sample."""
+        """Return the samples that follow those of the last call since power-up; None after the source's last sample.
+
+        One call returns about one second of the device's clock.
+        """
 
 
 class SimulatedSource:
@@ -141,7 +144,10 @@ class SimulatedSource:
         self._imperfection.pace(rate_hz / self._usual.rate_hz)
 
     def read(self) -> Samples:
-        """Return the next second of samples, with their true values."""
+        """Return the samples that follow those of the last call since power-up, with their true values.
+
+        One call returns one second of the device's clock.
+        """
         block = max(1, round(self.sensor.rate_hz * _BLOCK_S))
         number = np.arange(self._sent + 1, self._sent + block + 1)
         self._sent += block

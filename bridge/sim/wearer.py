@@ -50,8 +50,8 @@ class Wearer:
     def turned(self, rate_dps: float, duration_s: float, *, breath: float = 1.0, ramp_s: float = 1.0) -> Stretch:
         """Draw a stretch in a bed or chair that turns about the vertical at a constant rate, with rattling wheels.
 
-        rate_dps: rate, °/s; positive is counter-clockwise seen from above. breath: depth of breathing relative to an
-        awake wearer, 0 for none. ramp_s: time to reach the rate, s.
+        rate_dps: rate, °/s; positive is counter-clockwise seen from above. duration_s: duration of the stretch.
+        breath: depth of breathing relative to an awake wearer, 0 for none. ramp_s: time to reach the rate, s.
         """
         goes = np.array([[0.0, duration_s, np.radians(rate_dps) * (duration_s - ramp_s), ramp_s]])
         sway = [self._rattle(np.radians(0.2)), *([self._breathing(breath)] if breath else [])]
@@ -73,7 +73,10 @@ class Wearer:
         return Stretch(activity, duration_s, sway=tuple(sway), fade_s=3.0, ticks=self._passers_by(duration_s, 1.0))
 
     def moved(self, duration_s: float, size_deg: float, activity: Activity = Activity.MOVING) -> Stretch:
-        """Draw a stretch of free movement for duration_s about all axes, to a random pose about size_deg away."""
+        """Draw a stretch of free movement for duration_s about all axes, to a random pose about size_deg away.
+
+        activity: label of the stretch.
+        """
         pose = np.radians(size_deg) * self._rng.normal(size=3) / 2
         f = self._rng.uniform(0.3, 1.2, 3)
         sway = Waves(0.1 * np.radians(size_deg) * self._rng.normal(size=(3, 3)) / f[:, None], f, self._phases(3), f)

@@ -194,7 +194,7 @@ def decode_rates(key: str, payload: bytes) -> Rates:
 
 
 def column_of(column: NDArray[np.generic], dtype: np.dtype[Any]) -> bytes:
-    """Pack an array as bytes, row by row, each element little-endian in the given data type."""
+    """Pack an array of any shape as bytes, row by row, each element little-endian in the given data type."""
     return column.astype(dtype, copy=False).tobytes()
 
 

@@ -82,8 +82,8 @@ def build(ward: str, what: str, **ids: str) -> str:
 def pattern(ward: str, what: str, **ids: str) -> str:
     """Build the key pattern for subscribing to one kind of message in a ward, with `*` for every id not given.
 
-    what: kind of message, as in SHAPES. Raises KeyError for an unknown kind, TypeError for an extra id, and
-    Refusal(BAD_ID) for an invalid id.
+    what: kind of message, as in SHAPES. ids: such as device="chest". Raises KeyError for an unknown kind, TypeError
+    for an extra id, and Refusal(BAD_ID) for an invalid id.
     """
     shape = SHAPES[what]
     if not set(ids) <= set(shape):

@@ -96,7 +96,7 @@ class State(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class DeviceInfo:
-    """Device information that its bridge publishes: identity, settings, and counts of this boot.
+    """Device information that its bridge publishes: identity, settings, and sample counts of this boot.
 
     boot: 64-bit boot number. rate_hz: output data rate stated by the device. measured_rate_hz: measured by the bridge;
     0 until known. gyro_range: full-scale range, rad/s; 0 if unknown. time_ns: when it was sent, ns since the Unix
@@ -271,7 +271,7 @@ class Holding(NamedTuple):  # a NamedTuple for speed: hundreds of them, five tim
 
 @dataclass(frozen=True, slots=True)
 class Move:
-    """Change of the list of devices that an estimator owns (alone processes), with the reason.
+    """Change of the list of devices whose samples one estimator alone processes, with the reason.
 
     came, left: number of devices gained and given up. time_ns: ns since the Unix epoch.
     """
@@ -284,11 +284,12 @@ class Move:
 
 @dataclass(frozen=True, slots=True)
 class Owned:
-    """List of the devices that an estimator owns (alone processes), published in `parts` messages.
+    """List of the devices that an estimator owns: it alone processes their samples.
 
-    part: number of this message, from 0. load: processor time used by the estimator's process, s per s.
-    time_ns: ns since the Unix epoch. epoch: highest epoch that the estimator has received or used.
-    holdings: the devices. moves: latest changes of the list.
+    A list is published in `parts` messages. part: number of this message, from 0. time_ns: ns since the Unix epoch.
+    epoch: highest number of a period of ownership that the estimator has received or used.
+    load: processor time used by the estimator's process, s per s.
+    holdings: the devices. moves: latest changes of the list. alerts: those of the estimator itself.
     """
 
     estimator: str

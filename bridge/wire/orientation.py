@@ -51,6 +51,7 @@ def encode_columns(
     earth axes; empty without an accelerometer. covariance (6,): packed float32, xx, xy, xz, yy, yz, zz of the attitude
     error, rad², earth axes.
     zero: number of the sample at which the heading was zero, and who reset the heading (`start` for nobody).
+    quality: that of the corrected rates of the same samples.
     """
     boot, sequence, start_time_ns, tick_period_s, clock_rate, ticks = header
     return columns.OrientationBatch(

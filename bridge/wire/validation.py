@@ -116,9 +116,9 @@ def rising(values: Sequence[int], name: str, high: int) -> Sequence[int]:
 
 
 def counts(values: Mapping[str, int], name: str) -> dict[str, int]:
-    """Check received counts by label and return them: at most MAX_COUNTS labels, each a short printable text.
+    """Check received counts by label, such as dropped samples by reason, and return them.
 
-    Raises Refusal if there are more labels, or a label is invalid.
+    Raises Refusal for more than MAX_COUNTS labels, and for a label that is not a short printable text.
     """
     if len(values) > MAX_COUNTS:
         raise Refusal(Reason.LENGTH, f"{name} has {len(values)} labels; at most {MAX_COUNTS} are allowed")

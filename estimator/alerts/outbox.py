@@ -21,7 +21,7 @@ def sentence(kind: str, subject: str) -> Sentence:
 
 
 class News(NamedTuple):
-    """Alert to be sent to people; an all-clear if `cleared` is True.
+    """Alert to be sent to people or, if `cleared` is True, its all-clear: the news that the fault has ended.
 
     subject: id of a device or an estimator. placement: that of the device; None if unknown.
     """
@@ -33,8 +33,9 @@ class News(NamedTuple):
 
 
 class Outbox:
-    """Queue of alerts to be sent; holds alerts during quiet hours, and groups those of a few seconds in one message.
+    """Queue of alerts to be sent; holds alerts during quiet hours, and groups alerts in one message.
 
+    A message has all alerts that wait when the oldest has waited GATHER_S (5) seconds.
     An all-clear is sent only if its alert was sent. An alert that is raised and cleared within quiet hours is not sent.
     """
 
@@ -58,8 +59,9 @@ class Outbox:
         self._due_s = min(self._due_s, now_s + GATHER_S)
 
     def take(self, now_s: float, local: datetime) -> list[News]:
-        """Remove and return the alerts to be sent now; empty in quiet hours, and while alerts are collected.
+        """Remove and return the alerts to be sent now, as one message.
 
+        Empty in quiet hours, and until the oldest waiting alert has waited GATHER_S (5) seconds.
         now_s: monotonic time, s. local: local wall-clock time.
         """
         if now_s < self._due_s or self.settings.quiet(local):

@@ -1,4 +1,7 @@
-"""Verb `truerate cluster status`: lists the estimators of a ward, and the devices that each owns (alone processes)."""
+"""Verb `truerate cluster status`: lists the estimators of a ward and their devices.
+
+Each device is listed with the estimator that owns it: only this estimator processes the device's samples.
+"""
 
 import argparse
 from datetime import datetime

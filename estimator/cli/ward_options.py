@@ -33,7 +33,10 @@ def listening(given: argparse.Namespace, ward: str) -> None:
 
 
 def person() -> str:
-    """Return the user's name, for the audit; `uid-NUMBER` if the user has no name, as in many containers."""
+    """Return the name of the user who runs this program, for the audit table of commands.
+
+    The result is `uid-NUMBER` if the user has no name, as in many containers.
+    """
     try:
         return getpass.getuser()
     except (KeyError, OSError, ImportError):

@@ -150,7 +150,7 @@ class Client:
         return self._stream("raw", codec.decode_samples, device, history=history, queue=queue)
 
     def follow(self, device: Devices = None) -> Stream[Status]:
-        """Return a stream of device statuses: state, quality, bias in rad/s, and counts.
+        """Return a stream of device statuses: state, quality, bias in rad/s, and sample counts.
 
         The latest status of each device is delivered first. If another estimator has taken over the device, statuses
         from the former estimator are left out. device: one id, several ids, or None for all.

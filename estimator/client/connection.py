@@ -15,10 +15,11 @@ log = logging.getLogger(__name__)
 
 
 def denied(bus: Bus, endpoints: Sequence[str], ward: str) -> tuple[str, ...]:
-    """Return reasons why no message of a ward may arrive although a router is connected; empty if no fault is known.
+    """Return access faults because of which messages of a ward do not arrive although a router is connected.
 
-    Checks the role of this program's certificate, and the messages that the routers deliver to it. Each reason is also
-    logged. endpoints: addresses of the routers.
+    Each fault is a sentence for the user; empty if none is found.
+    Checks the role of this program's certificate, and the messages that the routers deliver to it. Each fault is also
+    logged. bus: an open session. endpoints: addresses of the routers.
     """
     routers = Routers.of(endpoints)
     if routers.identity is None:

@@ -2,7 +2,7 @@
 
 A batch that arrives early is held until the samples before it arrive, for a bounded time. After that time the absent
 samples are reported as missing. If several estimators publish a sample, the one with the highest epoch is delivered.
-An epoch is the number of the period in which an estimator owns a device (alone processes its samples).
+An epoch is the number of a period in which one estimator owns a device: it alone processes the device's samples.
 
 A sample with an older epoch than the last delivered sample waits for HANDOVER_S, since the present owner may still
 publish it. Therefore an estimator that resumes after a hang is ignored while another estimator owns its device. If no
@@ -104,7 +104,10 @@ class ReorderBuffer:
             self._advance(boot, 1)
 
     def due(self) -> float:
-        """Return the time at which the first wait of a held batch ends, s of the steady clock; inf if no batch is held."""
+        """Return the earliest time at which the wait of a held batch ends, s of the steady clock.
+
+        The result is inf if no batch is held.
+        """
         return min((held.due_s for boot in self._waiting for held in boot.held), default=inf)
 
     def overdue(self, now: float) -> None:

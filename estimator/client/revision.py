@@ -39,8 +39,8 @@ def revised(batch: CorrectedBatch, revision: BiasRevision) -> CorrectedBatch:
 def covers(revision: BiasRevision, batch: CorrectedBatch) -> NDArray[np.bool_]:
     """Return a mask (n,), True for each sample of a batch that a revision covers.
 
-    Device, boot and calibration must be equal. The sample's number and time (± SAME_TIME_NS, 1 s) must be within the
-    revision.
+    Device, boot and calibration must be equal. The sample's number must be from that of the revision's first point to
+    that of its last. The same holds for the host time, with a tolerance of SAME_TIME_NS (1 s) at both ends.
     """
     if (batch.device, batch.boot, batch.calibration) != (revision.device, revision.boot, revision.calibration):
         return np.zeros(len(batch), np.bool_)

@@ -71,11 +71,14 @@ class Stream(AsyncIterator[T], Generic[T]):
         return self._subscription.caught_up
 
     def receive(self, timeout_s: float) -> T | None:
-        """Wait for the next message and return it; None if no message arrives within timeout_s."""
+        """Return the oldest unread message, or None if none arrives within timeout_s seconds; waits for it."""
         return self.pop() if self.wait(timeout_s) else None
 
     def drain(self, timeout_s: float = 0.0) -> list[T]:
-        """Return all messages that have arrived, oldest first; waits at most timeout_s for the first. May be empty."""
+        """Return all unread messages, oldest first.
+
+        If there is none, waits at most timeout_s seconds for the first; the result may be empty.
+        """
         self.wait(timeout_s)
         return list(iter(self.pop, None))
 
@@ -102,7 +105,7 @@ class Stream(AsyncIterator[T], Generic[T]):
         return bool(self._ready)
 
     def pop(self) -> T | None:
-        """Return the next message without waiting; None if none is ready. Call `wait` first to fetch messages."""
+        """Return the oldest unread message that `wait` has fetched, or None; does not wait."""
         return self._ready.popleft() if self._ready else None
 
     def close(self) -> None:
@@ -162,8 +165,8 @@ class Stream(AsyncIterator[T], Generic[T]):
 class Corrected(Stream[CorrectedBatch]):
     """Iterator over corrected batches: each sample once and in order, also across restarts of estimator and router.
 
-    wait_s: time to wait for missing samples. on_miss: called for each gap that is not filled, between the batch before
-    it and the batch after it. nothing: warning to log if no message arrives within NOTHING_S; empty for no warning.
+    idle_s, nothing: as in Stream. wait_s: time to wait for missing samples.
+    on_miss: called for each gap that is not filled, between the batch before it and the batch after it.
     """
 
     def __init__(
@@ -189,7 +192,10 @@ class Corrected(Stream[CorrectedBatch]):
         return dict(self._buffer.missing)
 
     def pop(self) -> CorrectedBatch | None:
-        """Return the next batch in order without waiting, or None if none is ready; reports gaps before it to on_miss."""
+        """Return the earliest unread batch that `wait` has fetched, in order of samples, or None; does not wait.
+
+        Gaps before the batch are reported to on_miss.
+        """
         while self._buffer.ready:
             event = self._buffer.ready.popleft()
             if isinstance(event, CorrectedBatch):

@@ -22,7 +22,8 @@ HEADING_DEG, HEADING_SHARE = 5.0, 0.1
 class Judgement:
     """Errors of one boot of one device, for the n samples from the first of quality GOOD to the last of this quality.
 
-    k_true, k, k_std (3,): true and estimated scale factors at the end, and their standard deviation, without unit.
+    k_true, k, k_std (3,): true and estimated scale factors at the last sample, and standard deviation of the estimate,
+    without unit.
     time (n,): device time, s. bias_true_dps, bias_dps, bias_std_dps (n, 3): true and estimated bias, and its standard
     deviation, sensor frame.
     raw_heading_deg, corrected_heading_deg (n,): heading error of the integrated readings and corrected rates.

@@ -83,7 +83,11 @@ class Watcher:
         self.changes: list[Status] = []
 
     def poll(self) -> None:
-        """Receive new messages; afterwards `changes` holds each status whose state or boot is new."""
+        """Decode the status and raw sample messages that arrived since the last call, without waiting.
+
+        Afterwards `statuses` has the latest Status by device id, and `raw` all SampleBatches by device id and boot.
+        `changes` has each new Status whose state or boot differs from that before it.
+        """
         self.changes = []
         for message in self._raw.drain(4096, 0.0):
             if (batch := self._raw_door.take(message)) is not None:

@@ -123,12 +123,13 @@ class PriorKnobs:
 
 
 def repeatability(scales: Sequence[Floats], knobs: PriorKnobs) -> float:
-    """Boot-to-boot repeatability of a device's scale factors: relative standard deviation from one boot to the next.
+    """Standard deviation of the relative change of a device's scale factors between consecutive boots, without unit.
 
-    scales (n, 3): calibrated scale factors of consecutive boots. With n of 0 or 1 the result is `knobs.scale_std`.
-    Method: square root of the scale parameter of the variance's posterior, a scaled inverse χ² distribution. The
-    variance is that of the change of log scale, the same for all axes. The prior knobs.scale_std² counts as one
-    observation (A. Gelman et al., "Bayesian Data Analysis", 3rd ed. (2013), 2.6).
+    scales (n, 3): calibrated scale factors of n consecutive boots, without unit. With n of 0 or 1 the result is
+    `knobs.scale_std`.
+    Method: the result squared is the mean of the squared changes of log scale, over all boots and axes. The prior
+    knobs.scale_std² counts as one more squared change. This is the scale parameter of the variance's posterior, a
+    scaled inverse χ² distribution (A. Gelman et al., "Bayesian Data Analysis", 3rd ed. (2013), 2.6).
     """
     moved = np.diff(np.log(np.reshape(scales, (-1, 3))), axis=0)
     return sqrt((knobs.scale_std**2 + float(np.square(moved).sum())) / (1 + moved.size))

@@ -103,8 +103,9 @@ class _File(msgspec.Struct, frozen=True):
 def of_result(result: Result, recording: Recording | None = None, gyro_range: float = 0.0) -> Calibration:
     """Make a Calibration from a result, with the output data rate (Hz) and temperature (°C) of its recording.
 
-    gyro_range: full-scale range, rad/s; 0 when unknown. The temperature is the recording's at `result.bias_time`, NaN
-    when unknown.
+    recording: the calibrated recording; None leaves device, boot, id, rate and temperature unknown.
+    gyro_range: full-scale range, rad/s; 0 when unknown.
+    The temperature is that at `result.bias_time`, the time to which the bias refers; NaN when unknown.
     """
     warm = None if recording is None else recording.temperature_c
     celsius = np.nan if recording is None or warm is None else np.interp(result.bias_time, recording.time_s, warm)
@@ -133,9 +134,14 @@ def of_result(result: Result, recording: Recording | None = None, gyro_range: fl
 
 
 def as_json(calibration: Calibration) -> dict[str, Any]:
-    """Return a calibration as JSON-compatible values: SI units, angles of turns in degrees.
+    """Return a calibration as JSON-compatible values, as `truerate calibrate --json` prints them.
 
-    Matrix, bias, covariance and noise are None if there is no estimate.
+    Identity: format, version, id, device, boot (16 hexadecimal digits), model, firmware, method.
+    Result: verdict, reason, turns (axis, angle_deg, closure_error_deg, duration_s), accelerometer (as in
+    `accelerometer_as_json`, or None).
+    Estimate, None if there is none: matrix (3, 3) without unit, bias_rad_s (3,), noise_std_rad_s (3,), and covariance
+    (p, p) of the p `parameters`, whose names are always given.
+    Conditions: gyro_range_rad_s, rate_hz, temperature_c (None if unknown).
     """
     c = calibration
     known = bool(len(c.covariance)) and bool(np.all(np.isfinite(c.covariance)))
@@ -172,10 +178,11 @@ def as_json(calibration: Calibration) -> dict[str, Any]:
 
 
 def accelerometer_as_json(one: AccelerometerCalibration) -> dict[str, Any]:
-    """Return an accelerometer's calibration as JSON-compatible values: bias in m/s², scale without unit.
+    """Return an accelerometer's calibration as JSON-compatible values.
 
-    The covariance (6, 6) is that of bias (3), then scale (3). Bias, scale and covariance are None if the calibration is
-    not accepted.
+    Keys: verdict, reason, poses (number of poses), bias_m_s2 (3,), scale (3,) without unit, covariance (6, 6) of bias
+    then scale, and cross_std (cross-axis sensitivity, without unit).
+    Bias, scale and covariance are None if the calibration is not accepted.
     """
     return {
         "verdict": one.verdict.name.lower(),

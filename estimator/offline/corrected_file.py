@@ -82,7 +82,8 @@ def _is_corrected(path: Path) -> bool:
 def save(out: Path, corrected: CorrectedRecording, recording: Recording, tell: Tell | None = None) -> None:
     """Write a corrected recording to `out` atomically, in the format of its ending; an old file is replaced.
 
-    tell(done, n): called with the progress in rows. Call `check` first, which refuses unusable paths.
+    tell(done, n): called with the number of rows written, and of all rows; only for .csv. Call `check` first, which
+    refuses unusable paths.
     Raises RecordingError if writing fails.
     """
     c, qualities = corrected, np.array([quality.name for quality in sorted(Quality)])

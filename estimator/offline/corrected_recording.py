@@ -85,7 +85,10 @@ class Rows:
         self._oriented = 0
 
     def take(self, batch: CorrectedBatch, matrix: Floats) -> None:
-        """Fill the next rows from a corrected batch; `matrix` (3, 3) is the calibration matrix that corrected it."""
+        """Fill the first unfilled rows with the rates, biases and quality of a corrected batch.
+
+        matrix (3, 3): calibration matrix that corrected the batch, without unit.
+        """
         part = slice(self.filled, self.filled + len(batch))
         self.rate[part], self.rate_std[part] = batch.rate, batch.rate_std
         self.bias[part], self.quality[part] = batch.bias, batch.quality
@@ -95,7 +98,10 @@ class Rows:
         self.filled = part.stop
 
     def turn(self, attitudes: Oriented, first: int | None = None) -> None:
-        """Fill the attitudes of consecutive rows from row `first` on; by default after the last attitude filled."""
+        """Fill the attitudes of consecutive rows, from row number `first` (from 0) on.
+
+        first: None continues after the last row whose attitude was filled.
+        """
         begin = self._oriented if first is None else first
         part = slice(begin, begin + len(attitudes.quat_wxyz))
         self.quat_wxyz[part] = attitudes.quat_wxyz

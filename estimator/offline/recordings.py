@@ -136,10 +136,14 @@ def correct(
     batch: number of samples processed at a time; does not affect the result. progress(done, n): called after each
     batch.
 
-    Without `calibration`, the boot's own calibration from before the recording is used (`Recording.made`). If there is
-    none, the first calibration whose turns are in the recording is used, from that point on. A device just switched on
-    must warm up, so an early turn could be missed. If the recording has no device time to show the boot's start, the
-    device then counts as having been on before.
+    Without `calibration`, the first of these that exists is used:
+    - the last calibration in `Recording.made` from before the recording;
+    - the first calibration whose turns are in the recording, from that point on;
+    - the first calibration in `Recording.made`.
+
+    Readings within `knobs.warming_s` seconds after a boot are not used, so a turn at that time is lost. If turns are
+    found but give no calibration, and `Recording.told` is None, the time of the boot is unknown. The recording is then
+    corrected again with all readings, as if the device had been on before.
 
     Raises RecordingError if a reading is beyond the range, if there is nothing to smooth, or if the calibration belongs
     to another device.

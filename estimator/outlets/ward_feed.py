@@ -63,9 +63,10 @@ class WardFeed:
         self._states: dict[str, tuple[int, State, Quality]] = {}
 
     def samples(self, timeout_s: float) -> Iterator[ImuRows]:
-        """Wait at most `timeout_s` seconds for corrected samples, and yield rows once they are complete.
+        """Wait at most `timeout_s` seconds for corrected samples, and yield joined samples, one ImuRows per batch.
 
-        A row joins a corrected rate (rad/s) with its raw reading and orientation.
+        Joined samples have corrected rates (rad/s), raw readings and orientations. A batch waits for its readings and
+        orientations, at most 0.5 s.
         """
         self._rates.wait(timeout_s)
         now_s = time.monotonic()

@@ -26,8 +26,8 @@ def table_of(
 ) -> Table:
     """Make a Table from arrays whose names are in WANTED, in SI units unless options of `reading` state others.
 
-    arrays: by name; gyro_rad_s or rate_rad_s (n, 3) is required. present: names of all arrays of the file, for
-    the error message.
+    arrays: by name; gyro_rad_s or rate_rad_s (n, 3) is required. The others have the shapes of `Table.columns`.
+    present: names of all arrays of the file, for the error message.
     tick_s: duration of one count of the file's time column, s; 0 if unknown. notes: sentences for the user; more are
     added.
     Raises RecordingError if the array of rates is missing, an array does not hold numbers, or the arrays are too large.

@@ -53,7 +53,7 @@ def read(path: Path, reading: Reading) -> Table:
 
 
 def write(file: IO[bytes], arrays: Mapping[str, Array]) -> None:
-    """Write arrays, by name, as datasets at the root of a new HDF5 file."""
+    """Write arrays of any shape, by name, as datasets at the root of a new HDF5 file."""
     with h5py.File(file, "w") as out:
         for name, array in arrays.items():
             if array.dtype.kind == "U":

@@ -1,8 +1,8 @@
 """Reader of NumPy's .npz files as recordings.
 
-`gyro_rad_s` (n, 3) is required. Optional are `accel_m_s2` (n, 3), `temperature_c` (n,), `t_s` (n,), `rate_hz`, and
-`device` and `boot` as an export writes them. Other arrays are ignored. That includes `arrival_s`, because bytes
-arrive in bursts: arrival times are not sample times.
+`gyro_rad_s` (n, 3), or else `rate_rad_s` (n, 3), is required. Optional are `accel_m_s2` (n, 3), `temperature_c` (n,),
+`t_s` (n,) and `rate_hz` (). So are `device` () and `boot` (), texts as an export writes them. Other arrays are ignored.
+That includes `arrival_s`, because bytes arrive in bursts: arrival times are not sample times.
 """
 
 import re
@@ -21,10 +21,11 @@ _BOOT = re.compile("[0-9a-f]{16}")
 
 
 def read(path: Path, reading: Reading) -> Table:
-    """Read the arrays of an .npz file as a Table.
+    """Read the arrays of an .npz file as a Table, in SI units unless options of `reading` state others.
 
-    Arrays: gyro_rad_s and, if present, accel_m_s2, temperature_c, t_s, rate_hz, device and boot. Without gyro_rad_s,
-    rate_rad_s is read. Raises RecordingError for a damaged or too large file, and if the array of rates is missing.
+    Read: gyro_rad_s (n, 3) or, without it, rate_rad_s (n, 3). Also, if present: accel_m_s2 (n, 3), temperature_c (n,),
+    t_s (n,), and rate_hz, device and boot, each of shape ().
+    Raises RecordingError for a damaged or too large file, and if the array of rates is missing.
     """
     if not path.stat().st_size:
         raise RecordingError(f"{path}: the file is empty: save an array 'gyro_rad_s' of shape (n, 3) with numpy.savez")

@@ -13,7 +13,7 @@ T = TypeVar("T")
 def choose(path: Path, streams: Mapping[str, T], device: str | None, what: str) -> T:
     """Return the stream that --device names, or the only stream.
 
-    device: name of the stream; None if not given. what: streams in the plural, for messages, such as "topics".
+    device: name of the stream; None if not given. what: plural noun for the streams in messages, such as "topics".
     Raises RecordingError, which lists the names, if no single stream is chosen.
     """
     if device is None and len(streams) > 1:

@@ -38,16 +38,19 @@ class Read:
         return self.numbers[:, self.columns.index(at)]
 
     def vector(self, triple: Triple) -> Floats:
-        """Return a vector (n, 3) in SI units, or in the file's unit if that unit is unknown."""
+        """Return the vector (n, 3) in three columns, in SI units, or in the file's unit if that unit is unknown.
+
+        triple: the three columns, with the factor that converts their numbers to SI.
+        """
         first, second, third = (self.columns.index(at) for at in triple.at)
         beside = (second, third) == (first + 1, first + 2)  # then no copy is needed
         values = self.numbers[:, slice(first, first + 3) if beside else [first, second, third]]
         return values if triple.factor in (None, 1.0) else values * triple.factor
 
     def times(self, clock: Clock) -> Floats:
-        """Return times (n,) in the column's own unit.
+        """Return the times (n,) in a time column, in the column's own unit.
 
-        Times written as text are returned in s since the midnight before the first.
+        Times written as text are returned in s since the midnight before the first. clock: the column.
         """
         return seconds_of(self.texts[clock.at]) if clock.text else self.column(clock.at)
 

@@ -43,9 +43,10 @@ class Vector(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
             raise ValueError(f"sensitivity is {self.sensitivity:g}: give the counts per °/s or per g")
 
     def factor(self, known: dict[str, float], per: str) -> float | None:
-        """Return the factor from the columns' numbers to SI; None if the tool's file states no unit.
+        """Return the factor that converts these columns' numbers to SI; None without a unit and a sensitivity.
 
-        known: factors to SI by unit. per: unit of the sensitivity, `deg/s` or `g`.
+        With a sensitivity (raw counts per unit `per`) the factor is known[per] / sensitivity, otherwise known[unit].
+        known: factors to rad/s or m/s², by unit. per: `deg/s` for a gyro, `g` for an accelerometer.
         """
         return known[per] / self.sensitivity if self.sensitivity else unit_in(self.unit, known)
 

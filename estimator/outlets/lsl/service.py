@@ -130,9 +130,9 @@ class LslOutlet:
 
 
 class Boots:
-    """Finder of reboots and missing samples in devices' batches, which become markers.
+    """Finder of reboots and missing samples in the batches of devices; `before` returns them as LSL markers.
 
-    Call `missed` for a gap before `before` is called with the batch after the gap.
+    For each gap, call `missed` first, and then `before` with the batch after the gap.
     """
 
     def __init__(self) -> None:

@@ -87,7 +87,10 @@ def values_of(kind: str, batch: Batch, info: DeviceInfo) -> Columns:
 
 
 class DeviceStream:
-    """LSL stream of one kind from one device; sends each sample once, in order."""
+    """LSL stream of one kind from one device; sends each sample once, in order.
+
+    kind: as in `channels_of`. ward: id. info, status: of the device, for the stream's metadata.
+    """
 
     def __init__(self, ward: str, kind: str, info: DeviceInfo, status: Status) -> None:
         self._kind, self._info = kind, info

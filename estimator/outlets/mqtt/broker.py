@@ -68,6 +68,7 @@ def address_of(text: str, example: str) -> Address:
 class Broker:
     """Session with an MQTT broker, as a context manager. Raises BusError if the first connection fails.
 
+    password: that of the user in `address`; None for none.
     presence: topic that contains `online`, or `offline` after the session has ended (MQTT will message).
     A lost connection is retried for ever. Messages in the meantime are not sent, but counted.
     """

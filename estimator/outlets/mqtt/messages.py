@@ -22,7 +22,10 @@ class Decimation:
         self._held: dict[str, list[tuple[WindowBatch, int]]] = {}
 
     def take(self, batch: WindowBatch) -> list[bytes]:
-        """Return the JSON messages that a batch of windows completes; repeated windows are left out."""
+        """Add a batch of windows, and return the JSON messages that are complete; repeated windows are left out.
+
+        docs/mqtt.md, "Rates", lists the keys of a message; rates and biases are in rad/s.
+        """
         found = list[bytes]()
         held = self._held.setdefault(batch.device, [])
         for i in range(len(batch)):
@@ -78,7 +81,10 @@ def summary(status: Status) -> tuple[object, ...]:
 
 
 def status_json(status: Status) -> bytes:
-    """Encode a status as JSON, with its reasons as codes and as text; bias and its standard deviation in rad/s."""
+    """Encode a status as JSON, with its reasons as codes and as text; docs/mqtt.md, "Statuses", lists the keys.
+
+    The bias and its standard deviation are in rad/s, sensor frame.
+    """
     return msgspec.json.encode(
         {
             "device": status.device,
