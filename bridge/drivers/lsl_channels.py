@@ -17,7 +17,7 @@ Row = NDArray[np.floating]
 
 
 class NoChannels(LookupError):
-    """Error: an LSL stream lacks the needed channels. The message contains the missing labels, or `gyro`."""
+    """Error: an LSL stream lacks the needed channels. The message lists the missing labels, or is `gyro`."""
 
 
 class NoUnit(LookupError):

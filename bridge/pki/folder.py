@@ -63,8 +63,8 @@ class Folder:
 
         now: present time, a datetime in UTC; the validity begins 5 minutes before `now`. days: end of the validity, in
         days after `now`; by default as long as for the old certificate, but not beyond the authority's end.
-        Raises ValueError if the certificate or key is missing, or if the authority has expired or expires before
-        `days`.
+        Raises ValueError if the certificate or key is missing, if the authority has expired, or if it expires before
+        the new certificate would.
         """
         member = self.current(member)
         files = self.identity(member)

@@ -21,7 +21,7 @@ class Holder(NamedTuple):
 
 
 def holders(port: str, proc: Path = PROC) -> list[Holder]:
-    """Return the visible processes that have a port open: root sees all, other users their own.
+    """Return the processes that have a port open; root gets all of them, other users only their own.
 
     port: path of the port. proc: the /proc folder.
     """
@@ -30,7 +30,7 @@ def holders(port: str, proc: Path = PROC) -> list[Holder]:
 
 
 def locked(port: str, proc: Path = PROC) -> bool:
-    """Return True if another process, also of another user, has locked the port, as every bridge does.
+    """Return True if another process of any user has locked a serial port. Every bridge locks the ports that it reads.
 
     port: path of the port. proc: the /proc folder.
     """
@@ -52,7 +52,7 @@ def is_bridge(pid: int, proc: Path = PROC) -> bool:
 
 
 def command(pid: int, proc: Path = PROC) -> list[str]:
-    """Return the command line of process `pid` as words; empty if the process has ended."""
+    """Return the command line of process `pid` as a list of words; [] if the process has ended."""
     try:
         return (proc / str(pid) / "cmdline").read_text(errors="replace").rstrip("\0").split("\0")
     except OSError:
