@@ -27,7 +27,7 @@ class ArrivalClock:
         self._at: tuple[int, float] | None = None  # latest count, and its ticks
 
     def ticks(self, counts: Counts, period_s: float) -> Counts:
-        """Return the times (n,) int64 of samples, in ticks of TICK_S seconds; they keep rising from call to call.
+        """Return the times (n,) int64 of samples, in ticks of TICK_S seconds (1 µs); they keep rising from call to call.
 
         counts (n,): sample counts, rising. period_s: latest estimate of the sample period, s of host time.
         """

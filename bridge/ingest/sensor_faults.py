@@ -148,9 +148,9 @@ class Repeats:
 
 
 class SelfRepetition:
-    """Estimates how probably a healthy sensor at rest repeats a reading, and so how many repeats indicate a stuck sensor.
+    """Estimates the probability that a healthy sensor at rest repeats a reading; derives the threshold for a stuck sensor.
 
-    A repeat is a reading that equals the reading before it.
+    A repeat is a reading that equals the reading before it. The threshold is a number of consecutive repeats.
     """
 
     def __init__(self) -> None:

@@ -103,8 +103,9 @@ class Folder:
         return _pair(here)
 
     def admit(self, router: Member, members: Iterable[Member]) -> None:
-        """Write the PEM file of issuers that a router trusts: those of its members and its own. `gate` returns the file's path.
+        """Write the PEM file with the issuers' certificates that a router trusts; `gate` returns the file's path.
 
+        members: programs that may connect to the router. The file has the issuer of each, and of the router itself.
         Raises ValueError if the certificate file of the router or of a member is unreadable.
         """
         issuers = [signer(self.identity(member).certificate) for member in (router, *members)]

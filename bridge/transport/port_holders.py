@@ -46,13 +46,19 @@ def locked(port: str, proc: Path = PROC) -> bool:
 
 
 def is_bridge(pid: int, proc: Path = PROC) -> bool:
-    """Return True if process `pid` is `truerate bridge run` itself, not the shell or sudo that started it."""
+    """Return True if process `pid` is `truerate bridge run` itself, not the shell or sudo that started it.
+
+    proc: the /proc folder.
+    """
     program, *words = command(pid, proc) or [""]
     return Path(program).name.startswith(("python", "truerate")) and ("bridge", "run") in pairwise(words)
 
 
 def command(pid: int, proc: Path = PROC) -> list[str]:
-    """Return the command line of process `pid` as a list of words; [] if the process has ended."""
+    """Return the command line of process `pid` as a list of words; [] if the process has ended.
+
+    proc: the /proc folder.
+    """
     try:
         return (proc / str(pid) / "cmdline").read_text(errors="replace").rstrip("\0").split("\0")
     except OSError:
