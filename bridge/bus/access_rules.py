@@ -6,9 +6,9 @@ has this role on the bus and acts for its users; see docs/security.md.
 A member is a program with a certificate. zenoh identifies it by the exact common name of the certificate, so the rules
 name every member. zenoh denies silently: a subscription wider than its rule receives nothing.
 
-A publisher on KEY that has a cache answers queries on keys `KEY/@adv/**`. Advanced publishers of other zenoh programs
-also announce themselves and send heartbeats on these keys. The wildcard `**` does not match the chunk `@adv`, so the
-rules name these keys as well.
+If the publisher of a key KEY has a cache, it answers queries on keys `KEY/@adv/**`. Advanced publishers of other zenoh
+programs also announce themselves and send heartbeats on these keys. The wildcard `**` does not match the part `@adv` of
+a key, so the rules name these keys as well.
 """
 
 from collections.abc import Sequence
@@ -104,9 +104,9 @@ def _rights(ward: str, member: Member) -> Rights:
 
 
 def access_control(places: Sequence[tuple[str, Member]]) -> dict[str, Any]:
-    """Build the `access_control` section of a router's zenoh configuration file. Everything that no rule allows is denied.
+    """Build the section `access_control` of a router's zenoh configuration file, a dict with zenoh's keys.
 
-    places: pairs (ward, member); one member may appear in several wards.
+    Everything that no rule allows is denied. places: pairs (ward, member); one member may appear in several wards.
     """
     rules: dict[str, list[dict[str, Any]]] = {}
     for ward, member in places:

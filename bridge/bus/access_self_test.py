@@ -22,8 +22,8 @@ def self_test(
     """Test if a running router enforces its access rules; return the faults as sentences.
 
     Returns [] if there are no faults, or without certificates, because then there are no rules.
-    Method: open_bus opens a second session, which declares two liveliness tokens: first a forbidden one, then this
-    member's own token. `bus` must see only the second token.
+    Method: open_bus opens a second session, which declares two liveliness tokens: first one that the
+    access rules forbid, then this program's own token. `bus` must see only the second token.
     bus: this program's open session. routers: router endpoints and this program's certificate. ward: id of the ward.
     wait_s: seconds to wait for the allowed token.
     Raises ValueError if the certificate is unreadable or names no role.

@@ -47,9 +47,8 @@ class _State(Generic[_T]):
 class GapDetector(Generic[_T]):
     """Puts numbered messages of many publishers in order and tracks the missing numbers of each publisher.
 
-    Each publisher numbers its messages from 0. source: the publisher. now_s: time of the call, seconds of a monotonic
-    clock.
-    Methods that return messages return those that can be delivered now, in the order of their numbers.
+    Each publisher numbers its messages from 0. Methods that return messages return those that can be delivered now, in
+    the order of their numbers. missed: number of messages lost for good, by key.
     """
 
     def __init__(self) -> None:

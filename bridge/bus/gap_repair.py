@@ -101,7 +101,7 @@ class GapRepair:
         self._watched = [*self._watched, (channel, handle)]
 
     def begin(self, subscription: Subscription, most: int | None) -> None:
-        """Fetch the messages sent before a new subscription from publishers' caches, and deliver them to the subscription.
+        """Fetch from publishers' caches the messages sent before a new subscription; deliver them to this subscription.
 
         most: number of newest messages to fetch from each publisher; None for all.
         """

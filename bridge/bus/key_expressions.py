@@ -28,7 +28,9 @@ def check_key(key: str) -> str:
 
 
 def check_pattern(pattern: str) -> str:
-    """Validate a key pattern and return it. A whole chunk may be `*` (one chunk) or `**` (any number of chunks).
+    """Validate a key pattern and return it.
+
+    A chunk is the part of a key between two slashes. `*` stands for one chunk, `**` for any number of chunks.
 
     Raises BusError for an invalid pattern, and for `**/**` and `**/*`, whose standard forms are `**` and `*/**`.
     """
@@ -55,7 +57,10 @@ def _check(text: str, shape: re.Pattern[str], rule: str) -> str:
 
 
 def matches(pattern: str, key: str) -> bool:
-    """Return True if a key pattern matches a key. A wildcard never matches a chunk that begins with `@`."""
+    """Return True if a key pattern matches a key.
+
+    A wildcard never matches a chunk (part of a key between two slashes) that begins with `@`.
+    """
     return _shape(pattern).fullmatch(f"/{key}") is not None
 
 

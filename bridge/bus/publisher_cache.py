@@ -59,7 +59,7 @@ class Cache:
     """Cache of the last `size` messages of one publisher, and the counter of its message numbers.
 
     key: the publisher's key. session: 8 random bytes of the session. publisher: number of the publisher in the session.
-    next: number of the next message, from 0.
+    next: number that the publisher's next message will have; the first message has the number 0.
     """
 
     def __init__(self, key: str, size: int, session: bytes, publisher: int) -> None:
@@ -74,7 +74,7 @@ class Cache:
         return self._identity + number.to_bytes(STAMP_BYTES - IDENTITY_BYTES, "big")
 
     def keep(self, payload: bytes) -> None:
-        """Store the payload of the message just sent under the number `next`, and add 1 to `next`."""
+        """Store the payload of the message that was just sent with the number `next`; then add 1 to `next`."""
         self._kept.append((self.next, payload))
         self.next += 1
         self._put_s = time.monotonic()

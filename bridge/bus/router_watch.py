@@ -28,7 +28,7 @@ class RouterWatch:
         self._ask_s, self._explain_s = float("-inf"), float("inf")
 
     def look(self, now: float, *, connected: bool) -> bool:
-        """Log a change of the connection. Return True if no router is connected now, or none was at the last call.
+        """Log a loss or a return of the router. Return True if it is absent now or was absent at the previous call.
 
         now: seconds of a monotonic clock. connected: True if a router is connected now.
         """

@@ -55,7 +55,7 @@ _PARTS = (
 
 
 def open_session(settings: zenoh_settings.Settings, complaint: str, timeout_s: float = 0.0) -> zenoh.Session:
-    """Open a zenoh session with these settings; retry for timeout_s seconds.
+    """Open a zenoh session with the given settings; retry for timeout_s seconds.
 
     complaint: beginning of the error message. Raises BusError if zenoh cannot open the session.
     """

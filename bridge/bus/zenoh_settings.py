@@ -92,7 +92,10 @@ def secured_router(
 
 
 def shedding(shed: Sequence[str]) -> Settings:
-    """Return zenoh's quality-of-service rule: a slow reader loses messages on these key patterns and delays no other."""
+    """Return zenoh's quality-of-service rule by which slow readers lose messages on the key patterns `shed`.
+
+    Without this rule, a slow reader would delay all others.
+    """
     return {
         # Heartbeats of a publisher with a cache would block as well.
         "key_exprs": [key for pattern in shed for key in (pattern, f"{pattern}/@adv/**")],

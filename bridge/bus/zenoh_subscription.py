@@ -66,7 +66,7 @@ class Subscription(MessageQueue, Declared):
     def begin(self, past: Found) -> None:
         """Deliver the history to the queue; live messages follow.
 
-        past: messages by publisher and message number.
+        past: for each publisher, a dict of its messages by message number.
         """
         now_s = time.monotonic()
         self._hand_on(lambda: newest_last(filter(None, (self._sequences.history(*one, now_s) for one in past.items()))))
@@ -85,14 +85,14 @@ class Subscription(MessageQueue, Declared):
     def answered(self, source: Source, found: Found) -> None:
         """Deliver a cache's answer about a gap of the publisher `source`.
 
-        found: messages by publisher and message number; empty if the publisher was unreachable.
+        found: for each publisher, a dict of its messages by message number; empty if the publisher was unreachable.
         """
         self._hand_on(lambda: self._sequences.answered(source, found.get(source, {}), time.monotonic()))
 
     def heard(self, newest: Found) -> None:
         """Compare publishers' newest message numbers with the received ones, to detect a lost last message.
 
-        newest: messages by publisher and message number; only the numbers are used.
+        newest: for each publisher, a dict of its newest message by message number; only the numbers are used.
         """
         with self._order:
             for source, numbers in newest.items():
@@ -155,7 +155,7 @@ class Subscription(MessageQueue, Declared):
 
 
 def by_source(samples: Iterable[zenoh.Sample]) -> Found:
-    """Group zenoh samples as messages by publisher and message number; samples without a number are left out."""
+    """Return, for each publisher, a dict of its messages by message number; zenoh samples without a number are left out."""
     found: Found = {}
     for sample in samples:
         if (stamp := _stamp(sample)) is not None:

@@ -23,7 +23,8 @@ def faults(wards: Mapping[Path, Root], routers: Sequence[RouterFile], now: datet
     """Compare ward files with each other, with their certificates and with the routers' access rules; return all faults.
 
     Each fault is a sentence that begins with the path of the file.
-    wards: content of the ward files, by path. now: time at which certificates must be valid, a datetime with time zone.
+    wards: content of the ward files, by path. routers: content of the routers' configuration files.
+    now: time at which certificates must be valid, a datetime with time zone.
     """
     return [
         *(f"{router.path}: {words}" for router in routers for words in _of_router(router, now)),
@@ -38,7 +39,8 @@ def soon(wards: Mapping[Path, Root], routers: Sequence[RouterFile]) -> Iterator[
     """Yield a sentence for each certificate of these ward files and routers that expires soon.
 
     A certificate expires soon in the last 14 days of its validity, or in the last third if this is shorter.
-    Each sentence begins with the path of the file. wards: content of the ward files, by path.
+    Each sentence begins with the path of the file. wards: content of the ward files, by path. routers: content of the
+    routers' configuration files.
     """
     for path, root in wards.items():
         yield from (f"{path}: [bus]: {words}" for routers in root.bus.every() for words in routers.soon())

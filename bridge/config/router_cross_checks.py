@@ -59,7 +59,7 @@ def host_of(endpoint: str) -> str:
 
 
 def is_for(certified: str, host: str) -> bool:
-    """Return True if a name in a certificate matches a host. A leading `*.` stands for one part: `*.ward.example`."""
+    """Return True if a certificate's name matches a host. A leading `*.` stands for one label, as in `*.ward.example`."""
     name = certified.lower()
     return name == host or (name.startswith("*.") and name[2:] == host.partition(".")[2])
 

@@ -83,7 +83,7 @@ def listening(address: str) -> tuple[str, int]:
 
 
 def clash(address: str, other: str) -> bool:
-    """Return True if two listen addresses `HOST:PORT` cannot be used on the same machine.
+    """Return True if two listen addresses `HOST:PORT` cannot be used at the same time on one machine.
 
     The ports must be equal, and the hosts equal or one of them a wildcard for all addresses, such as 0.0.0.0.
     Raises ValueError for an invalid address.
@@ -136,8 +136,9 @@ class Bus(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     def every(self) -> list[Routers]:
         """Return one Routers object for each certificate of this machine's programs, each with all router endpoints.
 
-        If the table names no certificates, the result is one Routers object without identity. If the folder `pki` has
-        no certificate, the identity in the result has paths that do not exist. A later check then reports these paths.
+        If the table names no certificates, the result is one Routers object without identity. If the folder of the
+        setting `pki` has no certificate, the identity in the result has paths that do not exist. A later check then
+        reports these paths.
         """
         if self.key:
             return [Routers(self.connect, Identity(self.ca, self.certificate, self.key))]

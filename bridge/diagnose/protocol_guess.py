@@ -79,7 +79,7 @@ def candidates(kinds: Iterable[DriverKind]) -> list[Candidate]:
 def guesses(tried: Iterable[Candidate], chunks: Sequence[Chunk]) -> list[Guess]:
     """Decode the received chunks by every candidate; return the results, best first.
 
-    A candidate whose decoder fails is left out.
+    tried: the candidates. A candidate whose decoder raises an exception is left out.
     """
     made = [guess for candidate in tried if (guess := _try(candidate, chunks)) is not None]
     return sorted(made, key=lambda guess: (guess.understood, round(guess.share, 2), guess.samples), reverse=True)

@@ -40,7 +40,7 @@ class Decoder(Protocol):
         return b""
 
     def finish(self) -> list[Event]:
-        """End the stream: return the events of samples that the decoder held back, such as until it knows their rate."""
+        """End the stream: return the events of samples that the decoder held back, for example for lack of a sample rate."""
         return []
 
 

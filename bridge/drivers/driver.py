@@ -19,12 +19,12 @@ from bridge.wire.refusal import Tally
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """Identity of a device: boot number, model, sample rate, measuring range. Sent at each boot; may be repeated.
+    """Identity of a device: boot number, model, sample rate, full-scale range. Sent at each boot; may be repeated.
 
     boot: number that identifies the boot (the time from one power-up or restart to the next). boot_cause: how the boot
     was detected. rate_hz: nominal sample rate, Hz. gyro_range: full-scale range in rad/s, 0 if unknown. tick_period_s:
     seconds per tick. tick_bits, sequence_bits: widths of the device's tick counter and sequence number in bits, for
-    unwrapping. has_accel, has_temperature: True if the device sends these readings.
+    unwrapping. has_accel, has_temperature: True if the device sends accelerations, temperatures.
     has_clock: False for a device without a clock. Its ticks then count samples, rate_hz is only nominal, and
     `bridge.ingest` derives the sample times from receive times.
     """

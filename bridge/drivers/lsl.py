@@ -85,7 +85,7 @@ class LslOptions(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
     @property
     def chosen(self) -> dict[str, str]:
-        """Properties that select the stream: those of name, type and source_id that are given."""
+        """Required text of the stream's properties `name`, `type` and `source_id`, by property; only those that are given."""
         given = {"name": self.name, "type": self.type, "source_id": self.source_id}
         return {label: text for label, text in given.items() if text}
 

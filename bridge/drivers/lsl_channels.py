@@ -17,7 +17,7 @@ Row = NDArray[np.floating]
 
 
 class NoChannels(LookupError):
-    """Error: an LSL stream lacks the needed channels. The message contains the missing labels, or `gyro`."""
+    """Error: an LSL stream lacks the needed channels. The message lists the missing labels, or is `gyro`."""
 
 
 class NoUnit(LookupError):
@@ -63,8 +63,8 @@ def find(
 ) -> Channels:
     """Find the gyro, accelerometer and temperature channels in a stream's metadata.
 
-    gyro, accel: labels of the x, y, z channels; if empty, channels are found by label, type and unit.
-    gyro_unit, accel_unit: replace the unit in the metadata, unless "".
+    about: the metadata. gyro, accel: labels of the x, y, z channels; if empty, channels are found by label, type and
+    unit. gyro_unit, accel_unit: replace the unit in the metadata, unless "".
     Raises NoChannels if gyro channels or given labels are missing, and NoUnit if a unit is missing or unknown.
     """
     channels = _channels(about)

@@ -37,8 +37,9 @@ _CODEC = Codec(gatt_values.encode, gatt_values.decode)
 
 
 class Payload(NamedTuple):
-    """Data format of a DOT sensor that contains angular rates: measurement mode and BLE characteristic.
+    """Payload format of a Movella DOT in which angular rates are sent.
 
+    mode: number of the measurement mode. characteristic: number of the BLE characteristic that sends the payload.
     gyro, accel: byte offsets of the angular rate (3 float32: x, y, z, °/s) and of the acceleration (3 float32: x, y, z,
     m/s²); all are little-endian. accel is None if the payload has no acceleration that can be used.
     """

@@ -27,7 +27,7 @@ class MtData2Options(StreamOptions, frozen=True, forbid_unknown_fields=True, kw_
     """Options of an Xsens motion tracker.
 
     ask: True queries model and firmware; the device stops measuring for a moment.
-    rate_hz: output data rate to set, which the device stores; 0 leaves the device's output as it is.
+    rate_hz: output data rate to set, Hz, which the device stores; 0 leaves the device's output as it is.
     gyro_range_dps: full-scale range in °/s; 0 if unknown. Raises ValueError for an invalid option.
     """
 

@@ -72,7 +72,10 @@ class RequestQueue:
         return []
 
     def command(self) -> bytes:
-        """Return the bytes of the next command to send; b"" if none waits, or less than spacing_s has passed since the last."""
+        """Return the bytes of the next command to send; b"" if none waits.
+
+        Also returns b"" if less than spacing_s seconds have passed since the previous command.
+        """
         if not self._commands or (self._sent_ns and self._now_ns - self._sent_ns < self._spacing_ns):
             return b""
         self._sent_ns = self._now_ns

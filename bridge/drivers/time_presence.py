@@ -16,7 +16,7 @@ class TimePresence:
         self._leaning = False
 
     def fits(self, *, timed: bool) -> bool:
-        """Add the next sample; return True if it agrees with the decision, False if not or while undecided.
+        """Add a sample; return True if it agrees with the decision, False if not or while undecided.
 
         timed: True if the sample carries a timestamp.
         """

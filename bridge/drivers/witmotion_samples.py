@@ -53,7 +53,7 @@ class Cycles:
         self._alone = 0
 
     def take(self, frame: Frame) -> Sample | None:
-        """Add the next frame; return the sample that it completes, or None."""
+        """Add a received frame; return the sample that it completes, or None."""
         if frame.kind == witmotion.MOTION:
             x, y, z, *gyro = _SIX.unpack_from(frame.data)
             time_ms = self._time(frame.data[_ANGLES_END:]) if len(frame.data) > _ANGLES_END else None

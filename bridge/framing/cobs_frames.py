@@ -31,7 +31,10 @@ def frame(payload: bytes) -> bytes:
 
 
 class Deframer:
-    """Decoder of COBS frames: bytes in any chunking in, whole payloads out. Counts faults by label; memory is bounded."""
+    """Decoder of COBS frames: bytes in any chunking in, whole payloads out; memory is bounded.
+
+    faults: number of damaged frames, by label.
+    """
 
     def __init__(self) -> None:
         self.faults = Tally()

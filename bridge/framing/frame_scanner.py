@@ -11,9 +11,10 @@ GARBAGE = "bytes_between_frames"
 
 
 class FrameScanner:
-    """Splits a byte stream into frames: bytes in any chunking in, whole frames out. Counts faults; memory is bounded.
+    """Splits a byte stream into frames: bytes in any chunking in, whole frames out; memory is bounded.
 
-    A subclass implements `_size`, which returns the size of the frame at the beginning of the held bytes.
+    faults: number of dropped bytes and damaged frames, by label. A subclass implements `_size`, which returns the size in
+    bytes of the frame at the beginning of the held bytes.
     """
 
     def __init__(self, faults: Tally) -> None:

@@ -18,7 +18,10 @@ def encode(number: int, value: bytes = b"") -> bytes:
 
 
 class GattValues:
-    """Decoder of BLE characteristic values in a byte stream of COBS frames. Counts faults in `faults`; memory is bounded."""
+    """Decoder of BLE characteristic values in a byte stream of COBS frames; memory is bounded.
+
+    faults: number of damaged frames, by label.
+    """
 
     def __init__(self, faults: Tally) -> None:
         self._deframer = Deframer()

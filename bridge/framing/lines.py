@@ -9,7 +9,8 @@ LINE_FEED, ANY_END = b"\n", b"\r\n"
 class Line(NamedTuple):
     """One line of a byte stream, without the bytes that end it.
 
-    begun: True for the first line after opening, whose beginning may be missing. too_long: True if the line was cut.
+    begun: True for the first line after the port was opened; its beginning may be missing. too_long: True if the line
+    was cut.
     """
 
     data: bytes

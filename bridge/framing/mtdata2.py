@@ -69,7 +69,10 @@ def encode(kind: int, data: bytes = b"") -> bytes:
 
 
 class Messages(FrameScanner):
-    """Decoder of Xsens messages: bytes in any chunking in, messages out. Counts faults in `faults`; memory is bounded."""
+    """Decoder of Xsens messages: bytes in any chunking in, messages out; memory is bounded.
+
+    faults: number of dropped bytes and damaged messages, by label.
+    """
 
     def feed(self, data: bytes) -> list[Message]:
         """Decode received bytes; return the completed messages, in order."""

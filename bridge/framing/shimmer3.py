@@ -59,8 +59,9 @@ class _Shape(NamedTuple):
 
 
 class ShimmerFrames(FrameScanner):
-    """Decoder of Shimmer3 frames: bytes in any chunking in, frames out. Counts faults in `faults`; memory is bounded.
+    """Decoder of Shimmer3 frames: bytes in any chunking in, frames out; memory is bounded.
 
+    faults: number of dropped bytes and damaged frames, by label.
     checked: True if the frames carry a CRC, as detected by the first acknowledgement with a CRC.
     packet: size of a data packet in bytes, 0 while unknown. period: time between data packets, in ticks of 1/32768 s.
     awaiting_ack: True if the next FF is an acknowledgement, not the beginning of an answer.

@@ -38,8 +38,9 @@ class Frame(NamedTuple):
 
 
 class WitFrames(FrameScanner):
-    """Decoder of WitMotion frames: bytes in any chunking in, frames out. Counts faults in `faults`; memory is bounded.
+    """Decoder of WitMotion frames: bytes in any chunking in, frames out; memory is bounded.
 
+    faults: number of dropped bytes and damaged frames, by label.
     checked: True if the device uses the serial form with checksums, False for the Bluetooth form, None until known.
     """
 

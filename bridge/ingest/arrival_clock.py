@@ -27,7 +27,7 @@ class ArrivalClock:
         self._at: tuple[int, float] | None = None  # latest count, and its ticks
 
     def ticks(self, counts: Counts, period_s: float) -> Counts:
-        """Return the times (n,) int64 of samples, in ticks of TICK_S seconds; they keep rising from call to call.
+        """Return the times (n,) int64 of samples, in ticks of TICK_S seconds (1 µs); they keep rising from call to call.
 
         counts (n,): sample counts, rising. period_s: latest estimate of the sample period, s of host time.
         """
@@ -54,7 +54,8 @@ class SilenceDetector:
     def take(self, readings: Readings, late_s: float, period_s: float) -> list[Readings]:
         """Add new readings; return the readings, new and held, that may be published now, in order.
 
-        late_s: lateness of the last sample relative to the clock fit, s. period_s: sample period, s of host time.
+        late_s: how much later the last new sample was received than the clock fit predicts, s. period_s: sample period,
+        s of host time.
         Method: limit = max(0.05 s, 4 periods). Readings are held if the silence before them and their lateness both
         reach the limit. If the lateness then falls below the limit, the samples were only delayed.
         The samples count as missing if the lateness has not decreased by more than the limit for 0.5 s, or after 5 s.

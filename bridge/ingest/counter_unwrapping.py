@@ -24,7 +24,7 @@ class CounterUnwrapper:
     def unwrapped(self, readings: Readings, identity: Identity) -> tuple[Counts, Counts]:
         """Return (sequence numbers, ticks) of readings, (n,) int64 each, unwrapped as if the counters never wrapped.
 
-        identity: gives the widths of the counters in bits. As sent, the numbers may repeat or go back.
+        identity: gives the widths of the counters in bits. If samples arrive twice or late, the results repeat or fall.
         """
         if self._sequence is None:
             first = readings.sequence % 2**identity.sequence_bits

@@ -29,9 +29,8 @@ _log = logging.getLogger(__name__)
 class Taken(NamedTuple):
     """Result of `DeviceThread.take`: batches in order, boot number, and state of the device.
 
-    boot: boot number after the batches; 0 while the device has not identified itself. there: True if the device sends
-    data.
-    info: DeviceInfo if requested or at a new boot, else None.
+    boot: number of the device's current boot; 0 while the device has not identified itself. there: True if the device
+    sends data. info: DeviceInfo if requested or at a new boot, else None.
     """
 
     batches: list[SampleBatch]
@@ -91,7 +90,7 @@ class DeviceThread:
             return Taken(batches, boot, self._there, info)
 
     def lose(self, batches: Iterable[SampleBatch]) -> None:
-        """Count as dropped the batches that `take` returned but that could not be published."""
+        """Count as dropped the samples of batches that `take` returned but that could not be published."""
         with self._lock:
             for batch in batches:
                 self._intake.overflowed(batch)
@@ -99,7 +98,8 @@ class DeviceThread:
     def stop(self, timeout_s: float = 2.0, reason: Sentences = ()) -> None:
         """Stop the thread and close the device, waiting up to timeout_s seconds; batches already read can still be taken.
 
-        reason: why no more batches will come, for the last DeviceInfo; () if the device may come back.
+        reason: sentences that state why no more batches will come, for the last DeviceInfo; () if the device may come
+        back.
         """
         self._stop.set()
         self._due.set()

@@ -44,7 +44,8 @@ def found(statuses: Iterable[Status]) -> list[Sentence]:
 class DuplicateBridges:
     """Tracks for which devices of a bridge the estimators use the samples of another bridge; logs each such device once.
 
-    bus: open session, to read the estimators' statuses. ward, bridge: ids.
+    bus: open session, to read the estimators' statuses. ward, bridge: ids. devices: ids of the bridge's devices.
+    refused: ids of the devices whose samples are used from another bridge, by the estimators' latest statuses.
     """
 
     def __init__(self, bus: Bus, ward: str, bridge: str) -> None:

@@ -35,7 +35,7 @@ class BridgeHealth:
         return HealthSource(self.families, self.sick, self.unready)
 
     def sick(self) -> list[str]:
-        """Return the reasons, in words, why the bridge is not alive; [] if it is.
+        """Return why the bridge is not alive, as texts; [] if it is alive.
 
         The bridge is not alive if it has published nothing for more than 5 s.
         """
@@ -43,9 +43,10 @@ class BridgeHealth:
         return [f"nothing published for {age:.0f} s"] if age > STUCK_S else []
 
     def unready(self) -> list[str]:
-        """Return the reasons, in words, why the bridge cannot do its work now; [] if it can.
+        """Return why the bridge cannot do its work now, as texts; [] if it can.
 
-        Reasons: not alive, no router connected, faults of the certificate, or no device that sends samples.
+        The bridge must be alive and connected to a router. If devices are known, at least one must send samples.
+        Without a router, the faults of the certificate are added.
         """
         why = self.sick()
         if not self._connected():

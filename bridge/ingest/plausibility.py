@@ -59,7 +59,7 @@ def sound(readings: Readings, gyro_range: float) -> tuple[Bools, Bools] | None:
 def temperature(readings: Readings, run: slice) -> NDArray[np.float32] | None:
     """Return the temperatures (n,) float32 °C of the samples `run`; None if there are none, or if one value is unusable.
 
-    Unusable: not a number, or beyond MAX_CELSIUS (°C) in magnitude.
+    run: slice of sample indices in the readings. Unusable: not a number, or beyond MAX_CELSIUS (°C) in magnitude.
     """
     if readings.temperature_c is None:
         return None

@@ -61,7 +61,7 @@ class SampleTimes(NamedTuple):
 class SampleClock:
     """Sample times and sample rate of one boot, from readings in the order of arrival. No I/O.
 
-    clock: fit of the device's clock to the host's. rate: measured sample rate.
+    clock: fit of the device's clock to the host's. rate: meter of the sample rate in Hz.
     changed: a sentence on the last change of the nominal rate; None if it did not change.
     """
 

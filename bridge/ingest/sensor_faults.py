@@ -97,7 +97,7 @@ class Repeats:
         return self._needed
 
     def seen(self, time_s: Floats, gyro: Floats) -> Bools:
-        """Return a mask (n,) for the next n readings, True for stuck ones.
+        """Return a mask (n,), True for stuck readings, of n readings that follow those of the previous call.
 
         gyro (n, 3): rad/s. time_s (n,): device time, s. The sensor's noise is estimated from blocks of one second of
         device time. So the flags do not depend on how the readings are split into calls.
@@ -148,9 +148,9 @@ class Repeats:
 
 
 class SelfRepetition:
-    """Estimates how probably a healthy sensor at rest repeats a reading, and so how many repeats indicate a stuck sensor.
+    """Estimates the probability that a healthy sensor at rest repeats a reading; derives the threshold for a stuck sensor.
 
-    A repeat is a reading that equals the reading before it.
+    A repeat is a reading that equals the reading before it. The threshold is a number of consecutive repeats.
     """
 
     def __init__(self) -> None:
@@ -160,7 +160,10 @@ class SelfRepetition:
         self._pairs, self._equal, self._tried, self._again = (np.zeros(3) for _ in range(4))
 
     def learn(self, gyro: Floats) -> None:
-        """Update noise and counts of repeats per axis from the readings of one second at rest. gyro (n, 3): rad/s."""
+        """Update the noise and the counts of repeats of each axis from readings at rest.
+
+        gyro (n, 3): readings of one second, rad/s.
+        """
         change = np.abs(np.diff(gyro, axis=0))
         step = np.where(change > 0, change, inf).min(axis=0)
         self._ten.append(np.sqrt(np.mean(change**2, axis=0)) / step)
@@ -178,7 +181,7 @@ class SelfRepetition:
         """Return the threshold for a stuck sensor: the least number of consecutive repeats that chance does not explain.
 
         A repeat counts only if all three axes repeat. The threshold is at least 5. rate_hz: sample rate, Hz.
-        Infinite if a healthy sensor may repeat itself any number of times, or until ten seconds at rest are known.
+        Infinite if a healthy sensor may repeat itself any number of times, or until ten seconds at rest have been learnt.
         With this threshold, a healthy sensor causes fewer than 1e-5 false alarms in a hundred device years.
         Method: the probability of a repeat on one axis is 1 / (√(2π) σ). σ is the rms difference of two successive
         readings at rest, in quantisation steps; the difference is assumed Gaussian. A second estimate is the counted

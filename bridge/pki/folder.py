@@ -63,8 +63,8 @@ class Folder:
 
         now: present time, a datetime in UTC; the validity begins 5 minutes before `now`. days: end of the validity, in
         days after `now`; by default as long as for the old certificate, but not beyond the authority's end.
-        Raises ValueError if the certificate or key is missing, or if the authority has expired or expires before
-        `days`.
+        Raises ValueError if the certificate or key is missing, if the authority has expired, or if it expires before
+        the new certificate would.
         """
         member = self.current(member)
         files = self.identity(member)
@@ -103,8 +103,9 @@ class Folder:
         return _pair(here)
 
     def admit(self, router: Member, members: Iterable[Member]) -> None:
-        """Write the PEM file of issuers that a router trusts: those of its members and its own. `gate` returns the file's path.
+        """Write the PEM file with the issuers' certificates that a router trusts; `gate` returns the file's path.
 
+        members: programs that may connect to the router. The file has the issuer of each, and of the router itself.
         Raises ValueError if the certificate file of the router or of a member is unreadable.
         """
         issuers = [signer(self.identity(member).certificate) for member in (router, *members)]

@@ -71,5 +71,8 @@ def in_words(label: str) -> str:
 
 
 def sentences_as_json(sentences: Sentences) -> list[dict[str, Any]]:
-    """Return sentences as JSON objects (dicts) with code, parameters and English text."""
+    """Return sentences for JSON, as one dict for each.
+
+    Keys: `code`, `params` (a dict of the parameters by name) and `text` (English).
+    """
     return [{"code": str(one.code), "params": one.params, "text": english(one)} for one in sentences]

@@ -100,7 +100,7 @@ class _Device:
 class ImuJoin:
     """Joins readings, corrected rates and orientations of any number of devices into ImuRows.
 
-    Samples are matched by boot and sequence number. `now_s` is seconds of a monotonic clock.
+    Samples are matched by boot and sequence number.
     Add the corrected rates of a device in order, each batch once; readings and orientations may be repeated.
     patient: True waits for readings and orientations even if none of the device has been added yet. Use it if messages
     may arrive late, such as history from caches.

@@ -154,7 +154,7 @@ class Diagnosis(NamedTuple):
 def encode_diagnostics(time_ns: int, found: Sequence[Diagnosis]) -> bytes:
     """Encode the states of devices as one diagnostic_msgs/msg/DiagnosticArray; return its CDR bytes.
 
-    time_ns: time of the message, ns since the Unix epoch.
+    found: the states. time_ns: time of the message, ns since the Unix epoch.
     """
     types = _store().types
     pair = types["diagnostic_msgs/msg/KeyValue"]

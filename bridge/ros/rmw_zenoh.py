@@ -50,8 +50,9 @@ class Node:
     def publisher_token(self, number: int, topic: str, kind: str, depth: int) -> str:
         """Return the zenoh key of the liveliness token that announces a publisher of this node.
 
-        number: number of the publisher in its session, from 1. kind: message type, such as `sensor_msgs/msg/Imu`.
-        depth: number of messages kept for readers. The announced quality of service is reliable and volatile.
+        number: number of the publisher in its session, from 1. topic: the ROS 2 topic. kind: message type, such as
+        `sensor_msgs/msg/Imu`. depth: number of messages kept for readers. The announced quality of service is reliable and
+        volatile.
         """
         mangled = topic.replace("/", "%")
         qos = f"::,{depth}:,:,:,,"  # what is left out has rmw_zenoh's default

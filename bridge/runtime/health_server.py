@@ -42,8 +42,8 @@ class MetricFamily:
 class HealthSource:
     """Callbacks that answer the health server's requests. The server calls them on its own threads.
 
-    families: returns the metrics. sick: returns reasons, in words, why the process is not alive; [] if it is.
-    unready: returns reasons, in words, why the process cannot do its work; [] if it can.
+    families: returns the metrics. sick: returns the faults due to which the process counts as not alive, as texts.
+    unready: returns the faults that keep the process from doing its work, as texts. Without faults, both return [].
     """
 
     families: Callable[[], Iterable[MetricFamily]]

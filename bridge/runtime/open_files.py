@@ -10,9 +10,9 @@ log = logging.getLogger(__name__)
 
 
 def make_room(wanted: int) -> int:
-    """Raise the process's limit of open files and connections to `wanted`, as far as allowed; return the number available.
+    """Raise the process's limit of open files and connections to `wanted`, as far as the system allows.
 
-    The result is at most `wanted`. If it is less, a warning is logged.
+    Returns the number of files and connections that may be open, at most `wanted`. If it is less, a warning is logged.
     """
     most = wanted
     if sys.platform != "win32":

@@ -22,7 +22,10 @@ _WORDS = {
 
 
 def why(error: OSError) -> str:
-    """Return the cause of an OSError in plain words, to follow a file name; without an error number, the error's own message."""
+    """Return the cause of an OSError in plain words, for use after a file name.
+
+    An error without an error number gives its own message.
+    """
     if error.errno is None:
         return str(error)
     return _WORDS.get(error.errno) or (error.strerror or str(error)).lower()

@@ -11,7 +11,8 @@ from collections.abc import Callable, Iterator, Sequence
 def supervised(sick: Callable[[], Sequence[str]] = list) -> Iterator[None]:
     """Tell systemd that the service is ready, then send watchdog messages while `sick()` is empty, in a `with` block.
 
-    sick: returns reasons why the process is not alive; called on a separate thread. Without systemd, nothing is sent.
+    sick: returns the faults due to which the process counts as not alive, as texts; called on a separate thread.
+    Without systemd, nothing is sent.
     At the end of the block, systemd is told that the service stops. Protocol: sd_notify(3).
     """
     address = os.environ.get("NOTIFY_SOCKET", "")

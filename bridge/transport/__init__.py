@@ -2,5 +2,5 @@
 
 A transport returns bytes with their receive time. Its only errors are `errors.DeviceUnavailable` and
 `errors.DeviceLost`.
-Begin at `transport` (the contract) and `address` (which transport an address names).
+Begin at `transport` (the interface) and `address` (which transport an address names).
 """

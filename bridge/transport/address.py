@@ -15,9 +15,9 @@ from bridge.transport.udp_port import UdpPort
 class Scheme(NamedTuple):
     """Kind of transport, chosen by the scheme of a device's address, such as `tcp`.
 
-    make(address, baud): returns the transport, not yet open. state(address): returns the state of the address in a few
-    words. address: the part behind `scheme://`, or the path of a serial port. baud: bits per second.
-    Both functions raise ValueError with the expected form if the address is invalid.
+    make(address, baud): creates a transport, which is not opened yet. state(address): returns in a few words if the
+    address could be opened now. address: the part behind `scheme://`, or the path of a serial port. baud: bits per
+    second. Both functions raise ValueError with the expected form if the address is invalid.
     """
 
     make: Callable[[str, int], Transport]
@@ -40,7 +40,7 @@ SCHEMES: dict[str, Scheme] = {
 
 
 def transport(port: str, baud: int) -> Transport:
-    """Make the transport of a device's address, not yet open.
+    """Create the transport for a device's address; it is not opened yet.
 
     port: path of a serial port, or `scheme://...`. baud: bits per second of a serial port.
     Raises ValueError for an invalid address.
@@ -50,9 +50,9 @@ def transport(port: str, baud: int) -> Transport:
 
 
 def state(port: str) -> str:
-    """Return the state of a device's address in a few words; no data is exchanged with the device.
+    """Return in a few words if a device's address could be opened now; no data is exchanged with the device.
 
-    The state is `present` (for UDP `free`) if the address could be opened now. A BLE device is not searched for.
+    The result is `present` (for UDP `free`) if the address could be opened now. A BLE device is not searched for.
     port: path of a serial port, or `scheme://...`. Raises ValueError for an invalid address.
     """
     scheme, address = _split(port)

@@ -21,10 +21,11 @@ class Codec(NamedTuple):
 
 
 class GattPort(BleLink):
-    """BLE transport for a device with several characteristics; the bytes read and written are frames of the codec.
+    """BLE transport for a device with several characteristics; the bytes read and written are frames of a codec.
 
     port: `ble://address`. example: a valid port, for error messages. uuid(number): returns the full identifier of a
-    characteristic. notify: numbers of the characteristics whose notifications are read.
+    characteristic. notify: numbers of the characteristics whose notifications are read. codec: converts values of
+    characteristics to frames, and back.
     Raises ValueError for an invalid port, and without the packages of the extra `ble`.
     """
 

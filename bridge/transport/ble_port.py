@@ -1,4 +1,4 @@
-"""BLE transport: `ble://address/characteristic[?write=characteristic]`; the notifications are the device's bytes."""
+"""BLE transport: `ble://address/characteristic[?write=characteristic]`; notified values form a byte stream."""
 
 import asyncio
 import contextlib
@@ -42,10 +42,10 @@ class Place(NamedTuple):
 
 
 class BleLink:
-    """Transport over one BLE connection; a subclass names the characteristics to listen to and to write to.
+    """Transport over one BLE connection; a subclass chooses the characteristics to subscribe to and to write.
 
     Notifications wait in a bounded inbox. If it is full, the oldest are dropped and counted.
-    place: address for messages. address: the device's Bluetooth address.
+    place: the `ble://` address as shown in messages. address: the device's Bluetooth address.
     Raises ValueError without the packages of the extra `ble`.
     """
 
@@ -61,7 +61,7 @@ class BleLink:
         self._connection: Connection | None = None
 
     def open(self) -> None:
-        """Connect to the device; several devices are connected one after another.
+        """Connect to the device; waits while another device is being connected.
 
         Raises DeviceUnavailable if the device cannot be connected.
         """
@@ -84,9 +84,10 @@ class BleLink:
         raise DeviceUnavailable(Code.CLOSED(place=self.place))
 
     def read(self, timeout_s: float) -> Chunk:
-        """Return the received notifications as one chunk, waiting at most timeout_s for the first; empty if none.
+        """Return the notified values received so far as one chunk; waits at most timeout_s seconds for a first one.
 
-        Raises DeviceLost after the connection has ended and all notifications are read.
+        The chunk has no bytes if none came. Raises DeviceLost once the connection has ended and all values received
+        before have been returned.
         """
         inbox = self._inbox
         if inbox is None:
@@ -99,9 +100,9 @@ class BleLink:
         return joined(heard)
 
     def write(self, data: bytes) -> None:
-        """Send data to the device; count the bytes as not sent if the address names no characteristic to write to.
+        """Send data to the device. If the address names no characteristic to write, count the bytes as not sent.
 
-        Raises DeviceLost if the connection has ended, or sending takes over a second.
+        Raises DeviceLost if the connection has ended, or if sending takes more than a second.
         """
         connection, inbox = self._connection, self._inbox
         if connection is None or inbox is None:
@@ -120,7 +121,7 @@ class BleLink:
             raise DeviceLost(Code.NOT_TAKEN(place=self.place)) from None
 
     def close(self) -> None:
-        """Disconnect from the device; this ends an open or a read in another thread."""
+        """Disconnect from the device; this ends an `open` or a `read` in another thread."""
         with self._lock:
             opening, self._opening = self._opening, None
             inbox, self._inbox = self._inbox, None
@@ -181,19 +182,17 @@ def device_address(text: str, example: str) -> str:
 
 
 def state(address: str) -> str:
-    """Return a BLE address's state in a few words, without connecting; raises ValueError for an invalid address.
+    """Return in a few words if a BLE address could be opened, without connecting to the device.
 
-    The state does not say whether the device is within reach: that is unknown before connecting.
+    Whether the device is within reach is not known before connecting. address: the part behind `ble://`. Raises
+    ValueError for an invalid address.
     """
     parsed(address)
     return reach()
 
 
 def reach() -> str:
-    """Return the state of a BLE device that is not connected, in a few words, without searching for the device.
-
-    The text says that the device is searched for only when opened, or which packages of the extra `ble` are missing.
-    """
+    """Return in a few words if BLE can be used: `searched for only when opened`, or how to install the missing packages."""
     return "searched for only when opened" if ble_radio.available() else ble_radio.NEEDS
 
 

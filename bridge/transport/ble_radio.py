@@ -19,19 +19,19 @@ _PACKAGES: Final = ("bleak", "bleak_retry_connector")
 
 
 class RadioFault(Exception):
-    """Failed BLE operation, with the code of the reason and its parameters."""
+    """Error of a BLE operation: code of the reason, and the parameters of the code other than `place`."""
 
     def __init__(self, code: Code, **params: object) -> None:
         super().__init__(code)
         self.code, self.params = code, params
 
     def at(self, place: str) -> Sentence:
-        """Return the reason as a sentence for people about one device. place: the device's address."""
+        """Return the reason of the failure as a sentence. place: the device's address, for the text."""
         return self.code(place=place, **self.params)
 
 
 class Connection(Protocol):
-    """Contract of a connection to one BLE device."""
+    """Interface of a connection to one BLE device."""
 
     async def listen(self, characteristic: str, heard: Callable[[bytes], None]) -> None:
         """Call `heard` with each notification of a characteristic, in order. Raises RadioFault if the device refuses."""
@@ -47,7 +47,7 @@ class Connection(Protocol):
 
 
 class Radio(Protocol):
-    """Contract of an object that makes BLE connections."""
+    """Interface of a maker of BLE connections."""
 
     async def connect(self, address: str, lost: Callable[[], None]) -> Connection:
         """Connect to the device with this Bluetooth address; `lost` is called when the connection ends for any reason.
@@ -132,14 +132,15 @@ def _told() -> Iterator[None]:
 def no_characteristic(wanted: str, there: Mapping[str, Sequence[str]]) -> RadioFault:
     """Return the fault for a device that lacks a characteristic; the fault lists the device's characteristics.
 
-    wanted: identifier of the missing one. there: properties of each characteristic, by identifier.
+    wanted: identifier of the missing characteristic. there: the device's characteristics, as lists of properties (such
+    as `notify`) by identifier.
     """
     listed = ", ".join(f"{uuid} ({' '.join(properties)})" for uuid, properties in there.items())
     return RadioFault(Code.BLE_NO_CHARACTERISTIC, wanted=wanted, listed=listed or "none")
 
 
 def fault(error: Exception) -> RadioFault:
-    """Return the RadioFault for an error of bleak or the operating system, with the code of a reason for people."""
+    """Return the RadioFault for an error of bleak or the operating system, with the code of the reason."""
     from bleak.exc import (  # noqa: PLC0415
         BleakBluetoothNotAvailableError,
         BleakBluetoothNotAvailableReason,

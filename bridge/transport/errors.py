@@ -5,10 +5,10 @@ from bridge.reasons.codes import Sentence
 
 
 class DeviceUnavailable(Exception):
-    """A device cannot be opened now; the caller tries again later.
+    """Error: a device cannot be opened now; the caller may try again later.
 
-    reason: sentences for people: what was tried, and what to do. soon: True if opening is tried again every 0.1 s,
-    because an attempt is cheap and disturbs nobody.
+    reason: sentences for the user, which state the cause and what to do. soon: True if the caller may try again every
+    0.1 s, because an attempt is cheap and disturbs nobody.
     """
 
     def __init__(self, *reason: Sentence, soon: bool = False) -> None:
@@ -17,9 +17,9 @@ class DeviceUnavailable(Exception):
 
 
 class DeviceLost(Exception):
-    """An open device went away: unplugged, powered off, or at the end of a file.
+    """Error: an open device is gone, for example unplugged or switched off, or was closed, or its file has ended.
 
-    reason: sentences for people. over: True if the device will not come back.
+    reason: sentences for the user, which state the cause. over: True if the device will not come back.
     """
 
     def __init__(self, *reason: Sentence, over: bool = False) -> None:

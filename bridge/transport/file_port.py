@@ -22,8 +22,8 @@ _BITS_A_BYTE = 10  # on a serial line: a start bit, eight data bits, a stop bit
 class FilePort:
     """File transport, which plays a file's bytes at the pace of a serial line.
 
-    address: the part behind `file://`; its option bytes_per_s sets the pace. baud: bits per second, which sets the pace
-    otherwise. At the end of the file the device is lost for good. Written bytes are discarded.
+    address: the part behind `file://`; its option bytes_per_s sets the pace. baud: bits per second of the serial line,
+    used if the address lacks this option. Written bytes are discarded.
     """
 
     def __init__(self, address: str, baud: int) -> None:
@@ -48,10 +48,10 @@ class FilePort:
         self._due, self._then_s = 0.0, time.monotonic()
 
     def read(self, timeout_s: float) -> Chunk:
-        """Return the bytes that a serial line would have delivered since the last read.
+        """Return the bytes that a serial line would have delivered since the previous call, with their receive time.
 
-        Waits first for 10 ms, or for timeout_s if timeout_s is shorter.
-        Raises DeviceLost at the end of the file, with `over` True, and if the file is closed or fails.
+        Waits first for 10 ms, or for timeout_s seconds if this is shorter. Raises DeviceLost at the end of the file
+        (with over=True), and if the file is closed or cannot be read.
         """
         self._closed.wait(min(timeout_s, _TURN_S))
         now_s = time.monotonic()
@@ -75,7 +75,7 @@ class FilePort:
         """Discard the data: a file has no receiver."""
 
     def close(self) -> None:
-        """Close the file; this ends a read in another thread."""
+        """Close the file; this ends a `read` in another thread."""
         self._closed.set()
         opened, self._file = self._file, None
         if opened is not None:
@@ -83,7 +83,7 @@ class FilePort:
 
 
 def parsed(address: str) -> tuple[Path, float]:
-    """Parse the part of an address behind `file://`: the file's path and the pace, bytes per second (0 if not given).
+    """Parse the part of a file address behind `file://`; return (path, pace in bytes per second, 0 if not given).
 
     Raises ValueError if the address is invalid.
     """
@@ -95,7 +95,10 @@ def parsed(address: str) -> tuple[Path, float]:
 
 
 def state(address: str) -> str:
-    """Return the state of an address's file in a few words; `present` if the file can be read."""
+    """Return `present` if the file of an address can be read, else the cause in a few words.
+
+    address: the part behind `file://`. Raises ValueError for an invalid address.
+    """
     return _state(parsed(address)[0])
 
 

@@ -40,7 +40,7 @@ def now_ns() -> int:
 def set_ns(before_ns: int = 0) -> int:
     """Return how far the host's clock has been set forward since the program's start, ns; negative if set back.
 
-    before_ns: the previous result. It is returned again if the new result differs by less than 1 ms.
+    before_ns: result of the previous call, ns. It is returned again if the new result differs by less than 1 ms.
     """
     by_ns = _ahead_ns() - _AHEAD_NS
     return by_ns if abs(by_ns - before_ns) >= _NOISE_NS else before_ns

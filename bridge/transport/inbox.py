@@ -1,4 +1,4 @@
-"""Bounded inbox of one device: passes received messages from a receiving thread to the device's thread."""
+"""Bounded queue of one device's received messages, from the receiving thread to the thread that reads the device."""
 
 import threading
 from collections import deque
@@ -11,9 +11,9 @@ _AT_ONCE_BYTES = 65_535
 
 
 class Received(NamedTuple):
-    """Message as received: data, receive time and sender.
+    """Message received from a device, such as a datagram: data, receive time and sender.
 
-    receive_time_ns: by `host_time.now_ns`, ns since the Unix epoch. sender: None where the transport gives none.
+    receive_time_ns: ns since the Unix epoch, by `host_time.now_ns`. sender: address of the sender; None if unknown.
     """
 
     data: bytes
@@ -22,9 +22,9 @@ class Received(NamedTuple):
 
 
 class Inbox:
-    """Queue of messages for one device's thread, of at most most_bytes bytes.
+    """Queue of the messages received from one device; a full queue drops its oldest messages and counts them.
 
-    If the queue is full, the oldest messages are dropped and counted. over: True after the last message was put.
+    most_bytes: largest number of bytes in the queue. over: True after `end`, when no more messages are added.
     """
 
     def __init__(self, most_bytes: int) -> None:
@@ -35,7 +35,7 @@ class Inbox:
         self._bytes = self._lost = 0
 
     def put(self, data: bytes, sender: Any = None) -> None:
-        """Add a message, with the present time as its receive time. sender: its origin, if known."""
+        """Add a message; the present time becomes its receive time. sender: address of the sender, if known."""
         receive_time_ns = host_time.now_ns()
         with self._news:
             self._waiting.append(Received(data, receive_time_ns, sender))
@@ -46,15 +46,15 @@ class Inbox:
             self._news.notify()
 
     def end(self) -> None:
-        """Mark the inbox as over: no more messages will come. Wakes a waiting `take`."""
+        """Set `over`, because no more messages will come; a waiting `take` returns."""
         with self._news:
             self.over = True
             self._news.notify()
 
     def take(self, timeout_s: float) -> list[Received]:
-        """Return the waiting messages, oldest first, up to about 64 kB; empty if there are none.
+        """Remove and return waiting messages, oldest first, up to about 64 kB; [] if there are none.
 
-        Waits at most timeout_s for the first message, unless the inbox is over.
+        If the queue is empty, waits at most timeout_s seconds for a message; does not wait if `over` is True.
         """
         with self._news:
             self._news.wait_for(lambda: self._waiting or self.over, timeout_s)
@@ -66,7 +66,7 @@ class Inbox:
             return taken
 
     def lost(self) -> int:
-        """Return the number of messages dropped for lack of room since the last call."""
+        """Return the number of messages that the full queue has dropped since the previous call."""
         with self._news:
             lost, self._lost = self._lost, 0
             return lost
@@ -75,6 +75,6 @@ class Inbox:
 def joined(heard: list[Received]) -> Chunk:
     """Join received messages to one chunk of bytes, with the receive time of the last message.
 
-    Without messages, the chunk is empty and its time is now.
+    Without messages, the chunk has no bytes, and its receive time is the present time.
     """
     return Chunk(b"".join(one.data for one in heard), heard[-1].receive_time_ns if heard else host_time.now_ns())

@@ -1,4 +1,4 @@
-"""Sentences for people on network errors, with what to do."""
+"""Messages to the user that explain network errors and advise what to do."""
 
 import errno
 import socket
@@ -7,9 +7,9 @@ from bridge.reasons.codes import Code, Sentence
 
 
 def cause(error: OSError, place: str) -> Sentence:
-    """Return a sentence on why a connection could not be made, or why a port could not be opened for listening.
+    """Return the reason why a connection could not be made, or a local port could not be opened, with advice.
 
-    error: raised by the attempt. place: the address, for the sentence.
+    error: raised by the attempt. place: the device's address, for the text.
     """
     if isinstance(error, socket.gaierror):
         return Code.NAME_UNKNOWN(place=place)
@@ -32,9 +32,9 @@ def cause(error: OSError, place: str) -> Sentence:
 
 
 def loss(error: OSError, place: str) -> Sentence:
-    """Return a sentence on why an open network connection was lost.
+    """Return the reason why an open network connection was lost.
 
-    error: raised by the connection. place: the address, for the sentence.
+    error: raised by the connection. place: the device's address, for the text.
     """
     if isinstance(error, TimeoutError) or error.errno == errno.ETIMEDOUT:
         return Code.CONNECTION_SILENT(place=place)

@@ -21,7 +21,7 @@ class Holder(NamedTuple):
 
 
 def holders(port: str, proc: Path = PROC) -> list[Holder]:
-    """Return the visible processes that have a port open: root sees all, other users their own.
+    """Return the processes that have a port open; root gets all of them, other users only their own.
 
     port: path of the port. proc: the /proc folder.
     """
@@ -30,7 +30,7 @@ def holders(port: str, proc: Path = PROC) -> list[Holder]:
 
 
 def locked(port: str, proc: Path = PROC) -> bool:
-    """Return True if another process, also of another user, has locked the port, as every bridge does.
+    """Return True if another process of any user has locked a serial port. Every bridge locks the ports that it reads.
 
     port: path of the port. proc: the /proc folder.
     """
@@ -46,13 +46,19 @@ def locked(port: str, proc: Path = PROC) -> bool:
 
 
 def is_bridge(pid: int, proc: Path = PROC) -> bool:
-    """Return True if process `pid` is `truerate bridge run` itself, not the shell or sudo that started it."""
+    """Return True if process `pid` is `truerate bridge run` itself, not the shell or sudo that started it.
+
+    proc: the /proc folder.
+    """
     program, *words = command(pid, proc) or [""]
     return Path(program).name.startswith(("python", "truerate")) and ("bridge", "run") in pairwise(words)
 
 
 def command(pid: int, proc: Path = PROC) -> list[str]:
-    """Return the command line of process `pid` as words; empty if the process has ended."""
+    """Return the command line of process `pid` as a list of words; [] if the process has ended.
+
+    proc: the /proc folder.
+    """
     try:
         return (proc / str(pid) / "cmdline").read_text(errors="replace").rstrip("\0").split("\0")
     except OSError:

@@ -1,4 +1,4 @@
-"""Sentences for people on why a serial port cannot be opened, with what to do."""
+"""Messages to the user that explain why a serial port cannot be opened and advise what to do."""
 
 import errno
 import os
@@ -16,15 +16,15 @@ _MEMORY_DEVICES = 1  # major number of /dev/null and similar devices
 
 
 def state(port: str) -> str:
-    """Return a serial port's state in words, without opening the port; `present` if it could be opened now."""
+    """Return `present` if a serial port could be opened now, else the cause in words. Does not open the port."""
     said = fault(port)
     return english(said) if said is not None else "present"
 
 
 def fault(port: str) -> Sentence | None:
-    """Return a sentence on why a serial port could not be opened now, with what to do; None if it could be.
+    """Return the reason why a serial port cannot be opened now, with advice; None if it can be opened.
 
-    The port is not opened, because opening boots some boards.
+    The port is not opened for this check, because opening restarts some boards. port: path of the port.
     """
     try:
         status = os.stat(port)  # noqa: PTH116 - a name, as everywhere in this file
@@ -50,7 +50,7 @@ def no_port(port: str) -> bool:
 
 
 def cause(error: Exception, port: str) -> Sentence:
-    """Return a sentence on why a serial port could not be opened, with what to do.
+    """Return the reason why an attempt to open a serial port failed, with advice.
 
     error: raised by the attempt. port: path of the port.
     """
@@ -67,15 +67,15 @@ def cause(error: Exception, port: str) -> Sentence:
 
 
 def settling(error: Exception) -> bool:
-    """Return True if an error of opening a port may pass by itself, because the port was just plugged in.
+    """Return True if opening a port may succeed a moment later, because the device has only just been plugged in.
 
-    The port's name and permissions may then still be about to change.
+    The system may then still have to set the port's name and permissions. error: raised by opening the port.
     """
     return _number(error) in _MISSING | _FORBIDDEN | {errno.EIO}
 
 
 def busy(port: str) -> Sentence:
-    """Return a sentence that names the visible processes that have the serial port open."""
+    """Return the reason that other processes have a serial port open; it names those that this user may see."""
     having = holders(port)
     if not having:
         return Code.PORT_BUSY(place=port)

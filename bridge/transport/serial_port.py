@@ -51,7 +51,7 @@ class SerialPort:
         self._open: _Open | None = None
 
     def open(self) -> None:
-        """Open and lock the serial port; raises DeviceUnavailable with the cause and what to do."""
+        """Open and lock the serial port. Raises DeviceUnavailable, which states the cause and what to do."""
         self.close()
         if not os.path.exists(self.place):  # noqa: PTH110 - called often for many missing ports: half the cost of Path
             raise DeviceUnavailable(Code.PORT_MISSING(place=self.place), soon=True)
@@ -73,9 +73,9 @@ class SerialPort:
         self._open = _Open(opened, poll, wake)
 
     def read(self, timeout_s: float) -> Chunk:
-        """Return received bytes, waiting at most timeout_s for the first byte; empty if none.
+        """Return received bytes with their receive time; waits at most timeout_s seconds for the first byte.
 
-        Raises DeviceLost if the port is gone.
+        The chunk has no bytes if none came. Raises DeviceLost if the port is gone.
         The result equals pyserial's read(in_waiting or 1), at a third of the cost: pyserial makes several system calls.
         """
         opened = self._opened()
@@ -101,7 +101,7 @@ class SerialPort:
             raise DeviceLost(self._loss(error)) from None
 
     def close(self) -> None:
-        """Close the port; this ends a read in another thread. Never raises."""
+        """Close the port; this ends a `read` in another thread. Never raises."""
         with self._closing:
             opened, self._open = self._open, None
         if opened is not None:

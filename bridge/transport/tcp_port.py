@@ -40,9 +40,9 @@ class TcpPort:
             raise DeviceUnavailable(network_errors.cause(error, self.place)) from None
 
     def read(self, timeout_s: float) -> Chunk:
-        """Return received bytes, waiting at most timeout_s for the first; empty if none.
+        """Return received bytes with their receive time; waits at most timeout_s seconds for the first byte.
 
-        Raises DeviceLost if the connection has ended.
+        The chunk has no bytes if none came. Raises DeviceLost if the connection has ended.
         """
         opened = self._opened()
         try:
@@ -59,9 +59,9 @@ class TcpPort:
         return Chunk(data, host_time.now_ns())
 
     def write(self, data: bytes) -> None:
-        """Send data to the device; raises DeviceLost if the connection does not accept the data within a second.
+        """Send data to the device. Raises DeviceLost if the connection does not accept the data within a second.
 
-        A broken connection is reported by `read`, after the data that arrived before.
+        A broken connection raises nothing here: `read` first returns the data that arrived, then raises DeviceLost.
         """
         opened = self._opened()
         try:
@@ -75,7 +75,7 @@ class TcpPort:
             raise DeviceLost(network_errors.loss(error, self.place)) from None
 
     def close(self) -> None:
-        """Disconnect from the device; this ends a read in another thread."""
+        """Disconnect from the device; this ends a `read` in another thread."""
         opened, self._socket = self._socket, None
         if opened is not None:
             with contextlib.suppress(OSError):
@@ -95,13 +95,16 @@ def _waited(error: OSError) -> bool:
 
 
 def parsed(address: str) -> tuple[str, int]:
-    """Parse the part of an address behind `tcp://` into host and port; raises ValueError if the address is invalid."""
+    """Parse the part of a TCP address behind `tcp://`; return (host, port). Raises ValueError for an invalid address."""
     before, _ = url.options(address, (), EXAMPLE)
     return url.host_port(before, EXAMPLE)
 
 
 def state(address: str) -> str:
-    """Return an address's state in a few words, after connecting for a moment; `present` if that succeeds."""
+    """Return `present` if a device accepts a connection, else the cause in words; the connection is closed at once.
+
+    address: `host:port`. Raises ValueError for an invalid address.
+    """
     try:
         _connected(parsed(address)).close()
     except OSError as error:

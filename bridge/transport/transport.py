@@ -1,4 +1,4 @@
-"""Transport contract: a serial port, a network connection or a file that carries a device's bytes."""
+"""Transport interface: a serial port, a network connection or a file that carries a device's bytes."""
 
 from typing import NamedTuple, Protocol
 
@@ -6,36 +6,39 @@ from bridge.wire.refusal import Tally
 
 
 class Chunk(NamedTuple):
-    """Received bytes with their receive time: that of the last byte, by `host_time.now_ns`, ns since the Unix epoch."""
+    """Bytes received from a device.
+
+    receive_time_ns: receive time of the last byte, ns since the Unix epoch, by `host_time.now_ns`.
+    """
 
     data: bytes
     receive_time_ns: int
 
 
 class Transport(Protocol):
-    """Contract of a connection that carries the bytes of one device; it can be reopened after a close or a loss.
+    """Interface of a connection that carries the bytes of one device; it can be reopened after a close or a loss.
 
-    place: the address, for messages. faults: counts of dropped data by label; the driver of the device may replace this
-    attribute by its own tally. Call `read` and `write` from one thread, `close` from any.
+    place: the address as shown in messages. faults: counts of dropped data by label; the driver of the device may
+    replace this attribute by its own counts. Call `read` and `write` from one thread, `close` from any.
     """
 
     place: str
     faults: Tally
 
     def open(self) -> None:
-        """Open the connection; raises DeviceUnavailable with the cause and what to do."""
+        """Open the connection. Raises DeviceUnavailable, which states the cause and what to do."""
 
     def read(self, timeout_s: float) -> Chunk:
-        """Return received bytes, up to about 64 kB, waiting at most timeout_s for the first; empty if none.
+        """Return received bytes, up to about 64 kB, with their receive time; waits at most timeout_s seconds for the first.
 
-        Raises DeviceLost if the device has gone.
+        The chunk has no bytes if none came. Raises DeviceLost if the device is gone.
         """
 
     def write(self, data: bytes) -> None:
         """Send data to the device.
 
-        Raises DeviceLost if the device has gone, or does not accept the data within a second.
+        Raises DeviceLost if the device is gone, or does not accept the data within a second.
         """
 
     def close(self) -> None:
-        """Close the connection; this ends a read in another thread. Never raises, and may be repeated."""
+        """Close the connection; this ends a `read` in another thread. Never raises, and may be repeated."""

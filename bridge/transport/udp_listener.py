@@ -25,13 +25,14 @@ Peer = tuple[Any, ...]  # as a socket gives it: host, port, and more with IPv6
 
 
 class Taken(Exception):
-    """Another device already receives the datagrams of a host; the message names the hosts."""
+    """Error: another device already receives the datagrams of these hosts; the message lists the hosts."""
 
 
 class Listener:
     """UDP socket with its own thread, which sorts datagrams into the inboxes of devices by their sending host.
 
-    host, port: local address. `join` makes listeners and shares them. Raises OSError if the port is unusable.
+    host, port: local address. Devices on the same port share one listener, which `join` returns. Raises OSError if the
+    port is unusable.
     """
 
     def __init__(self, host: str, port: int) -> None:
@@ -45,14 +46,17 @@ class Listener:
         self._thread.start()
 
     def send(self, data: bytes, to: Peer) -> None:
-        """Send a datagram to a device, from the port that the device sends to; raises OSError if that fails."""
+        """Send a datagram to a device from this listener's port. Raises OSError if that fails.
+
+        to: the device's address, as `socket.recvfrom` gives it.
+        """
         self._socket.sendto(data, to)
 
     def add(self, inbox: Inbox, hosts: frozenset[str]) -> None:
-        """Add a device's inbox for the datagrams of its hosts.
+        """Add a device's inbox, which receives the datagrams from its hosts from now on.
 
-        hosts: host addresses, or ANYONE for every host without an inbox of its own. Raises Taken if a host has an inbox
-        already.
+        hosts: IP addresses from which the device sends, or ANYONE for every host without an inbox of its own. Raises
+        Taken if a host has an inbox already.
         """
         if taken := self._inboxes.keys() & hosts:
             raise Taken(", ".join(sorted(taken)))
@@ -60,7 +64,7 @@ class Listener:
         self._inboxes = self._inboxes | dict.fromkeys(hosts, inbox)
 
     def remove(self, inbox: Inbox) -> bool:
-        """Remove a device's inbox; returns True if no inbox is left."""
+        """Remove a device's inbox; return True if no inbox is left."""
         self._inboxes = {host: other for host, other in self._inboxes.items() if other is not inbox}
         return not self._inboxes
 
@@ -104,9 +108,9 @@ _listeners: dict[tuple[str, int], Listener] = {}
 
 
 def join(host: str, port: int, hosts: frozenset[str]) -> tuple[Listener, Inbox]:
-    """Listen for the datagrams of the given hosts on a UDP port; returns the shared listener and a new inbox.
+    """Listen for the datagrams of one device on a UDP port; return the port's shared listener and the device's new inbox.
 
-    host: local address, empty for all. hosts: addresses of the device, or ANYONE.
+    host: local address; "" for all. hosts: IP addresses from which the device sends, or ANYONE.
     Raises OSError if the port is unusable, and Taken if a host has an inbox already.
     """
     inbox = Inbox(_MOST_BYTES)
@@ -119,7 +123,7 @@ def join(host: str, port: int, hosts: frozenset[str]) -> tuple[Listener, Inbox]:
 
 
 def leave(listener: Listener, inbox: Inbox) -> None:
-    """Remove an inbox from its listener; removing the last one closes the port."""
+    """Remove an inbox from its listener; close the port if no inbox is left."""
     with _lock:
         if listener.remove(inbox):
             del _listeners[listener.where]
@@ -127,9 +131,9 @@ def leave(listener: Listener, inbox: Inbox) -> None:
 
 
 def bound(host: str, port: int) -> socket.socket:
-    """Return a UDP socket bound to a local host and port; raises OSError if that fails.
+    """Return a UDP socket bound to a local address and port. Raises OSError if that fails.
 
-    Empty host: all IPv4 addresses of this machine; `::`: all IPv4 and IPv6 addresses.
+    host: local address; "" for all IPv4 addresses of this machine, `::` for all IPv4 and IPv6 addresses.
     """
     family, kind, protocol, _, where = socket.getaddrinfo(
         host or ALL, port, type=socket.SOCK_DGRAM, flags=socket.AI_PASSIVE
@@ -149,5 +153,5 @@ def bound(host: str, port: int) -> socket.socket:
 
 
 def plain(host: str) -> str:
-    """Return a host's address in its usual form: an IPv4-mapped IPv6 address becomes IPv4."""
+    """Return an IP address; an IPv4-mapped IPv6 address (`::ffff:10.0.0.5`) is returned as IPv4 (`10.0.0.5`)."""
     return host.removeprefix("::ffff:")

@@ -19,7 +19,7 @@ OVERFLOW, OTHERS = "datagrams_overflow", "datagrams_of_others"
 
 
 class UdpPort:
-    """UDP transport: joins the datagrams of one device to a stream of bytes.
+    """UDP transport, which combines the datagrams of one device into a stream of bytes.
 
     address: the part behind `udp://`. baud: ignored. The option `from` of the address names the device's host, so that
     several devices can send to one port. Without `from`, only the first sending host is received, until it is silent
@@ -46,9 +46,9 @@ class UdpPort:
             raise DeviceUnavailable(Code.PORT_TAKEN(place=self.place, taken=taken, example=EXAMPLE)) from None
 
     def read(self, timeout_s: float) -> Chunk:
-        """Return the received datagrams as one chunk, waiting at most timeout_s for the first; empty if none.
+        """Return the received datagrams as one chunk; waits at most timeout_s seconds for the first datagram.
 
-        Raises DeviceLost if the port is closed.
+        The chunk has no bytes if none came. Raises DeviceLost if the port is closed.
         """
         _, inbox = self._opened()
         heard = self._own(inbox.take(timeout_s))
@@ -71,7 +71,7 @@ class UdpPort:
         return heard
 
     def write(self, data: bytes) -> None:
-        """Send data to the sender of the latest datagram; does nothing before the first.
+        """Send data to the device from which the latest datagram came; before the first datagram, nothing is sent.
 
         Raises DeviceLost if the port is closed.
         """
@@ -81,7 +81,7 @@ class UdpPort:
                 listener.send(data, self._peer[1])
 
     def close(self) -> None:
-        """Stop listening on the UDP port; this ends a read in another thread."""
+        """Stop listening on the UDP port; this ends a `read` in another thread."""
         was, self._joined = self._joined, None
         if was is not None:
             was[1].end()
@@ -95,9 +95,10 @@ class UdpPort:
 
 
 def parsed(address: str) -> tuple[str, int, str]:
-    """Parse the part of an address behind `udp://`: local host (empty: all), port, and the device's host (empty: any).
+    """Parse the part of a UDP address behind `udp://`; return (local host, port, the device's host).
 
-    Raises ValueError if the address is invalid.
+    The local host is "" for all local addresses, the device's host is "" for any device. Raises ValueError
+    if the address is invalid.
     """
     where, chosen = url.options(address, ("from",), EXAMPLE)
     host, port = url.host_port(where, EXAMPLE, host_needed=False)
@@ -105,9 +106,10 @@ def parsed(address: str) -> tuple[str, int, str]:
 
 
 def state(address: str) -> str:
-    """Return a UDP address's state in a few words; `free` if the port can be opened for listening.
+    """Return `free` if the local port of a UDP address can be opened, else the cause in words.
 
-    The state does not say whether a device sends: that is unknown before opening.
+    Whether a device sends to the port is not tested. address: the part behind `udp://`. Raises ValueError for an
+    invalid address.
     """
     host, port, _ = parsed(address)
     try:
