@@ -67,7 +67,7 @@ REFUSED = frozenset({Ruling.LATE, Ruling.RANGE})
 class Mark:
     """End of the last accepted batch.
 
-    sequence: number of the next sample. device_s: device time of the last sample, s. receive_ns: host time of receipt
+    sequence: sequence number expected next. device_s: device time of the last sample, s. receive_ns: host time of receipt
     at the bridge, ns since the Unix epoch. heard_s: time of arrival at the estimator, s of a steady clock.
     """
 

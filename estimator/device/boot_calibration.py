@@ -152,9 +152,9 @@ class BootCalibration:
             self.tracker.supposed(self._belief.model, self._belief.bias_std, self.now)
 
     def moves(self, moves: float) -> bool:
-        """Set the standard deviation of the scale factors from boot to boot, and return whether the gyro model changed.
+        """Set how much the scale factors change from boot to boot; return whether the gyro model in use changed.
 
-        moves: relative standard deviation, without unit.
+        moves: relative standard deviation of this change, without unit.
         """
         self._moves = moves
         if self.prior is None:

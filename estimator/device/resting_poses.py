@@ -59,7 +59,7 @@ class RestingPoses:
         self._calibrate()
 
     def take(self, second: Second) -> None:
-        """Process the next block of samples, about one second long: extend the rest in progress, or end it.
+        """Process a block of samples, about one second long: extend the rest in progress, or end it.
 
         A still, faultless block with accelerometer data extends the rest; any other block ends it. If the mean reading
         has changed by more than 0.1 m/s² on an axis, the block begins a new rest.

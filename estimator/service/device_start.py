@@ -24,7 +24,7 @@ log = logging.getLogger(__name__)
 class DeviceStarts:
     """Starter of devices: creates them and puts them into the roster.
 
-    resumed: last sample of each device that was corrected before a restart of this estimator.
+    resumed: by device, the last sample that was corrected before a restart of this estimator.
     tell(device, outcome): reports the outcome of a start. listed: whether a `[devices]` table of the ward file names
     all devices.
     """

@@ -143,7 +143,7 @@ class StoreReader:
     def reached(self, since_ns: int) -> dict[str, tuple[int, int, int, str]]:
         """Return the last sample that the stored bias of each device used, by device id.
 
-        since_ns: biases stored before this host time, ns since the Unix epoch, do not count.
+        since_ns: biases stored before this host time, ns since the Unix epoch, are left out.
         Values: boot id, sequence number, host time in ns since the Unix epoch, and bridge, empty where unknown.
         Devices with a requested recalibration, or with turns taken, are left out: bridges may replay the samples of
         these turns.

@@ -25,8 +25,8 @@ class Factor(Struct, frozen=True, forbid_unknown_fields=True):
     """Cause of an error whose size the study varies: its values, and other differences of the sessions from `Base`.
 
     key: quantity that is varied; its suffix is the unit of the values. label: axis label in the figure.
-    With rate_hz, the noise of a sample grows with the root of the rate, at constant noise density. session_s scales
-    rests and turns together.
+    Key `rate_hz` keeps the noise density constant, so the noise of a sample grows with the root of the rate. Key
+    `session_s` is the length of a session; rests and turns are scaled together.
     wobble_deg: wobble of the hand, degrees. sampling: `mean` for sensors that average over a sample interval, `point`
         for sensors that read at one instant.
     log: True for a logarithmic axis in the figure.
@@ -67,7 +67,7 @@ class Row(Struct, frozen=True):
     k_rms, b_rms: rms errors of the scale factors k (no unit) and the bias b (°/s).
     k_mean, k_mean_ci: mean error of k, and half the width of its 95 % interval.
     k_bound, b_bound: rms Cramér-Rao bounds, in the same units.
-    nees: of closure, per degree of freedom; None for Algorithm 1.
+    nees: mean normalised estimation error squared of closure, per degree of freedom; None for Algorithm 1.
     """
 
     factor: str

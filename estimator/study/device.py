@@ -126,14 +126,17 @@ class Hand(Struct, frozen=True, forbid_unknown_fields=True):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Recorded:
-    """Simulated recording, with its true rates (n, 3), rad/s, and the end times (m,) of the pieces of motion, s."""
+    """Simulated recording, with its true rates (n, 3), rad/s, and the ends (m,) of the pieces of motion.
+
+    ends_s: s since the start of the recording.
+    """
 
     recording: Recording
     rate: Floats
     ends_s: Floats
 
     def until(self, time_s: float, *, accel: bool = False) -> Recording:
-        """Part of the recording up to a time, s, with or without the accelerometer."""
+        """First part of the recording, up to `time_s` seconds after its start, with or without the accelerometer."""
         r = self.recording
         n = int(np.searchsorted(r.time_s, time_s + 1e-9))
         return Recording(

@@ -20,6 +20,7 @@ _DRAWN = 4
 class Row(Struct, frozen=True):
     """Spread over the sessions of the mean magnitude of the rate, °/s, in one turn of a sensor.
 
+    spin: axis and direction of the turn, such as `x cw` (clockwise) or `x ccw`.
     rates: `raw` for readings, or the correction: `turn360`, `closure`, or `paper` for the paper's K and b.
     """
 

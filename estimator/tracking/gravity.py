@@ -52,7 +52,7 @@ class GravityKnobs:
     speed, speed_per_unrest, fastest: mean speed of a wearer over a span, m/s. It is `speed` plus `speed_per_unrest`
         times the unrest (m/s), at most `fastest`.
     resting_speed: speed of a resting device, m/s.
-    doubt: gate of the measured velocity: NIS with 3 degrees of freedom above which R is enlarged.
+    doubt: gate of the measured velocity: NIS with 3 degrees of freedom above which its covariance is enlarged.
     way_share: rotation error per angle turned in a span, rad per rad.
     accel_noise, accel_bias, accel_walk: accelerometer noise, m/s² per root Hz; its bias, m/s²; random walk of this
         bias, m/s² per root second.

@@ -118,8 +118,8 @@ class TrackedBias:
         """Restore a state saved by `saved`; the tracker then continues as if it had not stopped.
 
         model: the gyro model in use.
-        samples (n, 9): the samples still needed; time (s), gyro (rad/s), accelerometer (m/s²), clipped, temperature
-            (°C).
+        samples (n, 9): the samples still needed; device time (s), gyro (rad/s), accelerometer (m/s²), clipped,
+            temperature (°C).
         first: number of the first of these samples, counted from the first one of the stream.
         Raises ValueError when the state is damaged; the tracker is then unusable.
         """
@@ -251,7 +251,7 @@ class TrackedBias:
         return {**spikes, **disbelieved}
 
     def smoothed(self, since: float = -np.inf) -> Smoothed | None:
-        """Smoothed bias, rad/s, at every stored second after device time `since`, s; None without data.
+        """Smoothed bias, rad/s, at the end of every stored block after device time `since`, s; None without data.
 
         The standard deviation is multiplied by the same factor for overconfidence as that of `std`.
         """

@@ -63,8 +63,9 @@ class Tracker(TrackedBias):
         self.doubt.anew()
 
     def learn(self, second: Second) -> list[Receipt]:
-        """Update bias, temperature and gravity from the next one-second block of samples.
+        """Update bias, temperature and gravity from a one-second block of samples.
 
+        second: the block; blocks must come in the order of time.
         Returns the receipts of the measurements of the bias at rest or in quiet motion, possibly none.
         """
         self.thermometer.read(second.end, second.celsius)

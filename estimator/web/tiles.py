@@ -225,7 +225,7 @@ def advice(row: DeviceRow, story: Story, t: Texts) -> str:
 
 
 def explained(reason: Sentences) -> Sentences:
-    """Return the reasons without orders: the advice gives the one order of a page."""
+    """Return the sentences of `reason` that do not tell a person what to do; `advice` says that once for the page."""
     return tuple(one for one in reason if one.code not in _ORDERS)
 
 
