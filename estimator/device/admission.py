@@ -86,7 +86,6 @@ class Admission:
     silence_s: permitted silence of the device, s. Another bridge can replace an owner that was silent for more than
     silence_s + OWNED_S seconds.
     `owner`: name of the owner. `sequence`: counters of accepted samples, shared with the session.
-    Every argument `heard_s` is the arrival time of a message, s of a steady clock.
     """
 
     def __init__(self, silence_s: float) -> None:

@@ -129,8 +129,8 @@ class BootCalibration:
     def resume(self, remembered: PriorKnowledge, temperature_c: float | None) -> bool:
         """Restore the stored bias of a boot that has no calibration; True if the bias was restored.
 
-        False if no bias is stored, or a calibration is in use. temperature_c: the device's temperature now, °C, or
-        None.
+        False if no bias is stored, or a calibration is in use. remembered: prior knowledge that contains the stored
+        bias. temperature_c: the device's temperature now, °C, or None.
         """
         kept = remembered.bias_at(self.now, self._knobs.track.bias_std)
         if kept is None or self.calibration is not None:

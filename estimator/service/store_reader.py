@@ -141,7 +141,7 @@ class StoreReader:
         return Before(ids, max((row["time_ns"] for row in repeats), default=None))
 
     def reached(self, since_ns: int) -> dict[str, tuple[int, int, int, str]]:
-        """Return the last sample that the stored bias of each device used, by device id.
+        """Return, by device id, the last sample that was used for the stored bias.
 
         since_ns: biases stored before this host time, ns since the Unix epoch, are left out.
         Values: boot id, sequence number, host time in ns since the Unix epoch, and bridge, empty where unknown.

@@ -160,7 +160,7 @@ class Gravity:
     def heard(self, receipt: Receipt, span: Span, *, resting: bool) -> None:
         """Pass the receipt of the zero-velocity measurement of a span to the steady-motion detector.
 
-        If the device rests, or if the test ratio is above 1, the receipt does not show walking. The detector then only
+        resting: True for a resting device. If so, or if the test ratio is above 1, the receipt does not show walking. The detector then only
         forgets the previous innovation.
         """
         if resting or receipt.test_ratio > 1:

@@ -297,7 +297,7 @@ class TrackedBias:
     def restored(self, model: GyroModel, state: BiasState, now: float, temperature_c: float | None = None) -> None:
         """Continue from a stored bias state at device time `now`, s; samples from before the state are not used.
 
-        temperature_c: the device's temperature now, °C, or None when unknown.
+        model: gyro model to use. temperature_c: the device's temperature now, °C, or None when unknown.
         """
         self._believe(model, state)
         self._zaru.rested = False

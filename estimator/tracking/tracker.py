@@ -41,7 +41,7 @@ class Tracker(TrackedBias):
     def calibrated(self, model: GyroModel, cov: Floats, time: float, rest: RestBias) -> None:
         """Restart from a calibration: its bias with covariance cov (3, 3), (rad/s)², at device time `time`, s.
 
-        rest: the bias measured in the still period after the last turn.
+        model: gyro model of the calibration, with its bias. rest: the bias measured in the rest after the last turn.
         """
         before = self._filter.state
         begun = start(
