@@ -78,7 +78,7 @@ class RestingPoses:
         self._rest = [total + one for total, one in zip(self._rest, more, strict=True)]
 
     def end_rest(self) -> None:
-        """End the rest in progress, if any; recalibrate if its pose is new, or if the rest is the longest in its pose.
+        """End the rest in progress, if any; recalibrate the accelerometer if it is the first or longest rest in its pose.
 
         Poses lie at least 30° apart, so their number is bounded.
         """

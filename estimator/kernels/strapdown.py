@@ -40,7 +40,7 @@ def rates(gyro: Floats, bias: Floats, calibrated: Floats, change: Floats) -> tup
 
 
 def half_turn(speed: float, h: float) -> tuple[float, float]:
-    """Cosine of half the angle turned in h seconds at `speed` (rad/s), and the sine of half the angle divided by speed (s)."""
+    """Return cos(a / 2), and sin(a / 2) / speed in s, for the angle a = speed h turned in h seconds at `speed`, rad/s."""
     half = 0.5 * speed * h
     if half >= 0.05:
         return np.cos(half), np.sin(half) / speed

@@ -122,9 +122,9 @@ class Blocks:
         return begin, self.buffer.end
 
     def own(self) -> None:
-        """Copy the samples of the unfinished block, which otherwise are views of larger arrays.
+        """Copy the samples of the unfinished block out of the larger arrays of which they are views.
 
-        Without the copy, a silent device would keep all samples in memory that were decoded in the same array.
+        Otherwise a silent device would keep these arrays, with the samples of many devices, in memory.
         """
         self._block = [(rows.copy(), places.copy()) for rows, places in self._block]
 

@@ -92,7 +92,10 @@ class Analysis(Struct, frozen=True):
     rows: list[Row]
 
     def of(self, factor: str, method: str, sampling: str = "mean") -> list[Row]:
-        """Rows of one factor for one method (`algorithm1` or `closure`) and one sampling, in the order of the factor's values."""
+        """Rows of one factor for one method (`algorithm1` or `closure`), in the order of the factor's values.
+
+        sampling: `mean` or `point`, as in Factor.
+        """
         return [r for r in self.rows if (r.factor, r.method, r.sampling) == (factor, method, sampling)]
 
 
@@ -106,7 +109,7 @@ def jobs(of: AnalysisScenario) -> Sequence[Job]:
 def plan_of(of: AnalysisScenario, job: Job) -> PaperPlan:
     """Session plan of one job: rests, turns, noise and sample rate of `Base`, with the job's value of its factor.
 
-    Turns last from 0.8 to 1.2 of the plan's turn length (s).
+    job: (factor, value, sampling), as in `jobs`. Turns last from 0.8 to 1.2 of the plan's turn length (s).
     """
     factor = next(f for f in of.factors if f.name == job[0])
     base, value = of.base, float(job[1])

@@ -106,7 +106,8 @@ class Gravity:
     def extend(self, state: BiasState, scale_std: Floats, cross_std: Floats) -> BiasState:
         """Append the 18 gravity states to a bias state, which gives SIZE (24) states; gravity itself is not known yet.
 
-        scale_std, cross_std (3,): relative standard deviations of the gyro matrix, on and off its diagonal.
+        scale_std, cross_std (3,): relative standard deviations of the gyro matrix. For each row, that of its diagonal
+            element, and that of its two other elements.
         """
         x, P = np.zeros(SIZE), np.zeros((SIZE, SIZE))
         x[:OWN], P[:OWN, :OWN] = state.x[:OWN], state.P[:OWN, :OWN]
@@ -160,8 +161,8 @@ class Gravity:
     def heard(self, receipt: Receipt, span: Span, *, resting: bool) -> None:
         """Pass the receipt of the zero-velocity measurement of a span to the steady-motion detector.
 
-        resting: True for a resting device. If so, or if the test ratio is above 1, the receipt does not show walking. The detector then only
-        forgets the previous innovation.
+        resting: True for a resting device. If so, or if the test ratio is above 1, the receipt does not show walking.
+        The detector then only forgets the previous innovation.
         """
         if resting or receipt.test_ratio > 1:
             self.state.lasting.before = None

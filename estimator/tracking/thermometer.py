@@ -80,7 +80,7 @@ class Thermometer(StateStruct):
         return _LEAP_K * max(1.0, (time - self.averages[-1][0]) / _LEAP_S)
 
     def go_on(self, time: float, celsius: float) -> None:
-        """Restart the average from a stored one, °C, at a device time, s; all other averages are discarded.
+        """Restart from a stored average temperature, °C, at a device time, s; all other averages are discarded.
 
         A stored average that is not finite has no effect.
         """
