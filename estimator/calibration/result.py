@@ -187,8 +187,8 @@ def unlikely(k: Floats, limit: float) -> tuple[tuple[int, ...], Sentences] | Non
 
     k (3,): scale factors.
     limit: largest plausible relative difference from 1.
-    Returns None when there are no such axes. A deviation that all axes share is ignored: a library's sensitivity or
-    a wrong sample rate causes it.
+    Returns None when there are no such axes. A deviation that all axes share is ignored. Its cause is a wrong sample
+    rate, or a wrong conversion of the gyro's raw values to rad/s.
     """
     common = float(np.median(k))
     off = np.where(np.abs(k - 1) < np.abs(k / common - 1), k, k / common)

@@ -119,7 +119,7 @@ class Admission:
     def hold(self, heard_s: float) -> None:
         """Restart the owner's silence timer while no bridge can be received at all.
 
-        heard_s: present time, s of a steady clock; the owner's silence counts from then on.
+        heard_s: present time, s of a steady clock; the owner's silence is measured from then on.
         """
         self._heard_s = heard_s
 

@@ -159,7 +159,7 @@ class StoreReader:
     def last_run(self, within_ns: int) -> dict[str, tuple[int, int, str]]:
         """Return the devices that were served at the end of the last run, or whose `lost` alert had not ended.
 
-        within_ns: a device was served if its bias was stored at most so many ns before the newest bias of the store.
+        within_ns: a device was served if its bias was stored at most this long, ns, before the newest bias of the store.
         By device id: boot id, host time at which its bias was stored in ns since the Unix epoch, and bridge, empty if
         unknown.
         """

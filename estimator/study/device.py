@@ -116,8 +116,7 @@ class Hand(Struct, frozen=True, forbid_unknown_fields=True):
     def pieces(self, rng: np.random.Generator) -> list[Piece]:
         """Motion of the paper's session as pieces: rest, turn about x, rest, turn about y, rest, turn about z, rest.
 
-        Each turn is −360° about the positive axis. Lengths, wobble, tilt and re-placement error are those of this
-        scenario.
+        Each turn is −360° about the positive axis. Lengths, wobble, tilt and re-placement error are those of the fields.
         """
         turns = tuple(TurnPlan(axis, -360.0) for axis in range(3))
         plan = SessionPlan(self.rest_s, turns, self.turn_s, self.wobble_deg, self.tilt_deg, self.replacement_deg)

@@ -40,7 +40,8 @@ class Tile:
     state: name for programs. word: name for people. tone: colour class. advice: one plain sentence that says what to
     do.
     number: index of the device in the binary frames that cover all devices.
-    bias_std: standard deviation of the bias on the least known axis, rad/s. calibrated_ns: ns since the Unix epoch.
+    bias_std: standard deviation of the bias on the least known axis, rad/s. calibrated_ns: host time of the
+    calibration, ns since the Unix epoch.
     battery_percent: charge, 0 to 100.
     """
 
