@@ -54,8 +54,8 @@ _UPPER = ([0, 0, 1], [1, 2, 2])
 def by_accel_aided(capture: Capture) -> Result:
     """Calibration method `accel_aided`: bias (3,) rad/s and full matrix (3, 3) from nine or more poses, with verdict.
 
-    capture: the estimate uses its movements, of any angle, which must have accelerometer readings. The angle and
-        closure error of its full turns are only reported.
+    capture: the estimate uses all its movements, of any angle; they need accelerometer readings. Angle and closure
+        error of its full turns are only reported.
     Verdict REPEAT without an estimate: fewer than nine distinct poses, or poses that do not determine the matrix.
     Verdict REPEAT with an estimate: the standard deviation of a matrix element is above 0.02 (no unit).
     Verdict REFUSED: a scale factor is outside 0.7 to 1.4.

@@ -33,11 +33,11 @@ _BLUR, _QUIETER = 1e-3, 0.5
 def clipped(samples: Samples, noise_std: Floats, gyro_range: float) -> Flags:
     """Flags (n,) of the clipped samples of one movement: True where a reading is at the limit of the full-scale range.
 
-    samples: the movement, with a flag `clipped` of each sample from the bridge.
+    samples: the movement; its `clipped` holds a flag for each sample, set by the bridge.
     noise_std (3,): standard deviation of one gyro reading at rest, rad/s.
     gyro_range: full-scale range, rad/s; infinite when unknown.
-    A sample is clipped if its flag is set, or if a reading is at the known range. Only where neither finds one, samples
-    count as clipped whose largest reading occurs many times (see the module).
+    A sample is clipped if its flag is set, or if a reading is at the known range. If no sample of the movement is
+    clipped by this rule, the repetition of the largest reading is tested (see the module).
     """
     known = at_range(samples, gyro_range)
     return known if known.any() else _repeated(samples.gyro, noise_std)

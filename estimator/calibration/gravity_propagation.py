@@ -43,8 +43,8 @@ class TransitionKnobs:
     """Settings of the method `transitions`: standard deviations of assumed errors and of priors, and two limits.
 
     accel_floor: error of a rest's mean acceleration that averaging does not reduce, m/s².
-    path_floor, path_share, coning_share: error of a movement's rotation. Constant, rad; per rad turned; and per rad of
-        coning.
+    path_floor, path_share, coning_share: three independent errors of a movement's rotation. They are constant (rad),
+        per rad turned, and per rad of coning (change of the rotation axis between samples).
     bias_floor: difference between the bias in a movement and in the rests beside it, rad/s.
     heading_std: heading error at the end of a full turn by hand, rad.
     scale, misalignment: priors of the matrix's diagonal about 1 (no unit) and of its off-diagonal elements about 0

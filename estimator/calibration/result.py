@@ -40,7 +40,7 @@ class Result:
     matrix (3, 3), no unit; bias (3,) rad/s; both in sensor axes.
     covariance (p, p): of `parameters`, bias in rad/s and matrix elements without unit.
     noise_std (3,): standard deviation of one reading, rad/s.
-    turns: angle, closure error and duration of each turn. repeat: axes (0 to 2) of the turns to repeat.
+    turns: angle (rad), closure error (rad) and duration (s) of each turn. repeat: axes (0 to 2) of the turns to repeat.
     bias_time: device time to which the bias refers, s.
     accelerometer: calibration of the accelerometer from the rests of the same recording. None without an accelerometer,
         and None for a live session.
@@ -171,7 +171,7 @@ def unbelievable(k: Floats) -> tuple[tuple[int, ...], Sentences] | None:
 
 
 def concluded(k: Floats, reason: Sentences, *objections: Objection | None) -> Objection:
-    """Verdict on a fit, axes to repeat, and reason text.
+    """Return a fit's verdict, the axes (0 to 2) whose turns must be repeated, and the reason text.
 
     k (3,): scale factors; values outside 0.7 to 1.4 give REFUSED.
     reason: text for an accepted fit.
@@ -187,8 +187,8 @@ def unlikely(k: Floats, limit: float) -> tuple[tuple[int, ...], Sentences] | Non
 
     k (3,): scale factors.
     limit: largest plausible relative difference from 1.
-    Returns None when there are no such axes. A deviation that all axes share does not count: a library's sensitivity or
-    a wrong sample rate causes it.
+    Returns None when there are no such axes. A deviation that all axes share is ignored. Its cause is a wrong sample
+    rate, or a wrong conversion of the gyro's raw values to rad/s.
     """
     common = float(np.median(k))
     off = np.where(np.abs(k - 1) < np.abs(k / common - 1), k, k / common)

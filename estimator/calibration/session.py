@@ -71,15 +71,18 @@ class CalibrationSession:
         return self._stages.still_s
 
     def take(self, rows: Floats) -> None:
-        """Store the samples of one or more windows: rows (n, 9). Call `judge` for each window afterwards.
+        """Store the samples of one or more windows of the stillness detector: rows (n, 9).
+
+        Call `judge` for each window afterwards.
 
         Columns: device time (s), gyro (3, rad/s), accelerometer (3, m/s²), clipped (0 or 1), temperature (°C).
         """
         self._history.take(rows)
 
     def judge(self, begun: float, ended: float, *, still: bool) -> list[Progress]:
-        """Process the next window and return the events that it completes, possibly none.
+        """Process one window of the stillness detector and return the events that it completes, possibly none.
 
+        Windows must come in the order of time, after `take` has stored their samples.
         begun, ended: start and end of the window, device time in s.
         still: True if the stillness detector judged the window still.
         """

@@ -20,7 +20,7 @@ class RestFound:
 class TurnFound:
     """Event: a movement was recognised as a full turn about an axis.
 
-    dropped: reason by axis (0 to 2), for turns about other axes that no longer count.
+    dropped: reason by axis (0 to 2), for earlier turns about other axes that are now discarded.
     missing: axes (0 to 2) without a turn.
     """
 

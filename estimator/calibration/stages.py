@@ -66,8 +66,9 @@ class Stages:
         self.not_gravity = 0.0
 
     def take(self, begun: float, ended: float, *, still: bool) -> Settled | None:
-        """Process the next window; return Settled when stillness becomes a rest, at 2 s, else None.
+        """Process one window of the stillness detector; return Settled when stillness becomes a rest, at 2 s, else None.
 
+        Windows must come in the order of time.
         begun, ended: start and end of the window, device time in s.
         still: True if the stillness detector judged the window still.
         """

@@ -67,7 +67,7 @@ REFUSED = frozenset({Ruling.LATE, Ruling.RANGE})
 class Mark:
     """End of the last accepted batch.
 
-    sequence: number of the next sample. device_s: device time of the last sample, s. receive_ns: host time of receipt
+    sequence: sequence number expected next. device_s: device time of the last sample, s. receive_ns: host time of receipt
     at the bridge, ns since the Unix epoch. heard_s: time of arrival at the estimator, s of a steady clock.
     """
 
@@ -86,7 +86,6 @@ class Admission:
     silence_s: permitted silence of the device, s. Another bridge can replace an owner that was silent for more than
     silence_s + OWNED_S seconds.
     `owner`: name of the owner. `sequence`: counters of accepted samples, shared with the session.
-    Every argument `heard_s` is the arrival time of a message, s of a steady clock.
     """
 
     def __init__(self, silence_s: float) -> None:
@@ -120,7 +119,7 @@ class Admission:
     def hold(self, heard_s: float) -> None:
         """Restart the owner's silence timer while no bridge can be received at all.
 
-        heard_s: present time, s of a steady clock; the owner's silence counts from then on.
+        heard_s: present time, s of a steady clock; the owner's silence is measured from then on.
         """
         self._heard_s = heard_s
 

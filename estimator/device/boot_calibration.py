@@ -129,8 +129,8 @@ class BootCalibration:
     def resume(self, remembered: PriorKnowledge, temperature_c: float | None) -> bool:
         """Restore the stored bias of a boot that has no calibration; True if the bias was restored.
 
-        False if no bias is stored, or a calibration is in use. temperature_c: the device's temperature now, °C, or
-        None.
+        False if no bias is stored, or a calibration is in use. remembered: prior knowledge that contains the stored
+        bias. temperature_c: the device's temperature now, °C, or None.
         """
         kept = remembered.bias_at(self.now, self._knobs.track.bias_std)
         if kept is None or self.calibration is not None:
@@ -152,9 +152,9 @@ class BootCalibration:
             self.tracker.supposed(self._belief.model, self._belief.bias_std, self.now)
 
     def moves(self, moves: float) -> bool:
-        """Set the standard deviation of the scale factors from boot to boot, and return whether the gyro model changed.
+        """Set how much the scale factors change from boot to boot; return whether the gyro model in use changed.
 
-        moves: relative standard deviation, without unit.
+        moves: relative standard deviation of this change, without unit.
         """
         self._moves = moves
         if self.prior is None:

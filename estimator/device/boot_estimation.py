@@ -39,7 +39,7 @@ class BootEstimationState(StateStruct):
     turned: axes (0, 1, 2) whose turns are accepted. scratch: reasons why earlier knowledge does not apply.
     began, now: device time, s, of the boot's start, and of the end of the last window judged still or moving.
     silent_until, silent_c: device time, s, and temperature, °C, of the first sample after the latest silence.
-    moves: relative standard deviation of the scale factors from boot to boot, without unit.
+    moves: relative standard deviation of the change of the scale factors from boot to boot, without unit.
     cancelled, cancelled_until: reasons shown after a cancelled calibration, until this device time, s.
     slope_learnt: whether the bias slope against temperature was estimated under a temperature law.
     reached: sequence number and host time, ns since the Unix epoch, of the last sample used for the bias.
@@ -148,7 +148,7 @@ class BootEstimation(BootCalibration):
         return buffer
 
     def resumed(self, time: float, celsius: float | None) -> None:
-        """Record the end of a period without samples: device time and temperature of the next sample.
+        """Record the end of a period without samples: device time and temperature of the first sample after it.
 
         time: device time, s. celsius: temperature, °C, or None. Until the tracker reaches `time`, `correction` uses
         the bias predicted for `time`.
@@ -257,7 +257,7 @@ class BootEstimation(BootCalibration):
         return accepted[0] if accepted else own
 
     def correction(self) -> Correction:
-        """Return the correction to apply to the next samples: from calibration, tracked bias and measured noise."""
+        """Return the correction for samples from now on: from calibration, tracked bias and measured noise."""
         noise_std = reading_std(self._stillness.noise_std) if self._stillness.noise_known else None
         track = self.tracker
         bias, std = track.ahead(self._silent_until, self._silent_c)

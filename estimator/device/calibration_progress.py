@@ -38,10 +38,10 @@ class CalibrationProgress(CalibrationSession):
         return bool(self.turns) or not self.rested
 
     def judge(self, begun: float, ended: float, *, still: bool) -> list[Progress]:
-        """Process the next window of samples; return its events, such as turns that have become too old.
+        """Process a window of the stillness detector; return its events, such as turns that have become too old.
 
-        begun, ended: device time of the start and end of the window, s. still: whether the device was still in the
-        window.
+        Windows must come in the order of time. begun, ended: device time of the start and end of the window, s. still:
+        whether the device was still in the window.
         """
         old = self.expire(ended)
         progress = super().judge(begun, ended, still=still)

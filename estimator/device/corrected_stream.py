@@ -69,7 +69,7 @@ class CorrectedStream:
         self._lesson_s = self._blocks.length_s
 
     def orient(self) -> None:
-        """Start or restart the orientation estimate; the heading is zero at the next sample."""
+        """Start or restart the orientation estimate; the heading is zero at the first sample from now on."""
         self.attitude = Attitude()
 
     @property

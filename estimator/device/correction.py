@@ -124,8 +124,8 @@ def believed(
 
     calibration: of this boot, or None. earlier: of an earlier boot, or None; its bias is only a starting value. knobs:
     settings of the prior.
-    moves: relative standard deviation of the scale factors from boot to boot (see gyro_model.repeatability); None if
-    unknown, then `knobs.scale_std` replaces it.
+    moves: relative standard deviation of the change of the scale factors from boot to boot (see
+    gyro_model.repeatability); None if unknown, then `knobs.scale_std` replaces it.
     The standard deviation of the bias is `knobs.bias_std`, rad/s, in every case.
     """
     used = calibration or earlier

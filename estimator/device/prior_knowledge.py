@@ -45,7 +45,9 @@ class PriorKnowledge:
         return wider(replace(self.bias, time=now), doubt_std) if self.lost_count(now) else self.bias
 
     def lost_count(self, now: float) -> bool:
-        """Return whether the device clock missed time, so that the age of the stored bias is unknown.
+        """Return whether device time disagrees with the host's clock on how long ago the bias was stored.
+
+        The device's clock then stood still or was set back, and the age of the bias is unknown.
 
         now: present device time, s.
         """

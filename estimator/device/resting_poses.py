@@ -59,7 +59,7 @@ class RestingPoses:
         self._calibrate()
 
     def take(self, second: Second) -> None:
-        """Process the next block of samples, about one second long: extend the rest in progress, or end it.
+        """Process a block of samples, about one second long: extend the rest in progress, or end it.
 
         A still, faultless block with accelerometer data extends the rest; any other block ends it. If the mean reading
         has changed by more than 0.1 m/s² on an axis, the block begins a new rest.
@@ -78,7 +78,7 @@ class RestingPoses:
         self._rest = [total + one for total, one in zip(self._rest, more, strict=True)]
 
     def end_rest(self) -> None:
-        """End the rest in progress, if any; recalibrate if its pose is new, or if the rest is the longest in its pose.
+        """End the rest in progress, if any; recalibrate the accelerometer if it is the first or longest rest in its pose.
 
         Poses lie at least 30° apart, so their number is bounded.
         """

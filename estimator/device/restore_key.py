@@ -16,7 +16,7 @@ def restore_key(of: Calibration | DeviceInfo) -> dict[str, str | float]:
 def differing(then: Mapping[str, Any], info: DeviceInfo) -> dict[str, str | float]:
     """Return the entries of a stored restore key that differ from the device's, with the device's present values.
 
-    then: the stored key. The output data rate counts only for a device without a clock, because only then does the
+    then: the stored key. The output data rate is compared only for a device without a clock, because only then does the
     scale depend on it.
     """
     now = restore_key(info)

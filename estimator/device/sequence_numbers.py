@@ -12,8 +12,8 @@ class SequenceNumbers:
     """Sequence numbers and boots of one device, with counters of its samples.
 
     `samples_in`, `samples_out`: numbers of samples received and accepted. `dropped`: refused samples by reason.
-    `events`: number of gaps, and of the samples missing in them. `next`: number of the next sample, None before the
-    first.
+    `events`: number of gaps, and of the samples missing in them. `next`: sequence number expected next, None
+    before the first.
     """
 
     def __init__(self) -> None:
@@ -50,7 +50,7 @@ class SequenceNumbers:
         self.next = None
 
     def resume(self, boot: int, first: int, next_: int) -> None:
-        """Continue boot `boot` at sample number `next_`; `first` is the number of its first received sample."""
+        """Continue boot `boot` at sequence number `next_`; `first` is that of its first received sample."""
         self.begin(boot)
         self.first, self.next = first, next_
 

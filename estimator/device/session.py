@@ -166,7 +166,7 @@ class DeviceSession(CorrectedStream):
     def moves(self, moves: float) -> None:
         """Set how much the scale factors change from boot to boot, computed from earlier boots.
 
-        moves: relative standard deviation, without unit.
+        moves: relative standard deviation of this change, without unit.
         """
         if self.learnt.moves(moves):
             self._apply()

@@ -98,7 +98,7 @@ class Guide:
         self._tried: int | None = None
 
     def take_samples(self, batch: SampleBatch) -> None:
-        """Process the device's next batch of raw readings, to follow its rests, turns and attitude."""
+        """Process a batch of the device's raw readings, in order, to follow its rests, turns and attitude."""
         was_settled = self.hand.settled
         self.hand.take(batch)
         if was_settled and not self.hand.settled:

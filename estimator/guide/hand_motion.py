@@ -55,7 +55,7 @@ class Hand:
         self._moved: Floats = np.eye(3)
 
     def take(self, batch: SampleBatch) -> None:
-        """Process the next batch of readings; repeated and non-finite samples are ignored."""
+        """Process a batch of the device's raw readings, in order; repeated and non-finite samples are ignored."""
         if batch.boot != self.boot:
             self._begin(batch.boot)
         time = batch.device_time
@@ -70,7 +70,7 @@ class Hand:
             self._window(window)
 
     def begin_rest(self) -> None:
-        """Reset the rest timer and the turned angles when a calibration begins; only rest from now on counts."""
+        """Reset the rest timer and the turned angles when a calibration begins; earlier rest is ignored."""
         self._since, self.still_s, self.settled, self.turned, self._moved = None, 0.0, False, np.zeros(3), np.eye(3)
 
     @property

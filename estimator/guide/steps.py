@@ -35,8 +35,8 @@ class Step(StrEnum):
 class Picture(StrEnum):
     """Picture to show to a person: a device at rest, or how to turn it.
 
-    Turns are named by the table: on its top (FLAT), along its edge (ALONG), over its edge (ACROSS). SIDE: stand the
-    device on its side first.
+    FLAT: turn it round once, flat on the table. ALONG: roll it over, away from the person. ACROSS: tip it to the right,
+    all the way round. SIDE: stand it on its side first.
     """
 
     EDGE = "edge"
@@ -55,7 +55,7 @@ class Instruction:
 
     ring: progress 0 to 1, of the rest (PLACE, SETTLE) or of the whole turn (TURNING).
     angle: angle turned about `axis`, rad, signed. axis: axis (0, 1, 2) of the present or the next turn.
-    done, needed: axes turned, and axes still to turn, the easiest first. wrong: why the last attempt does not count.
+    done, needed: axes turned, and axes still to turn, the easiest first. wrong: why the last attempt was not accepted.
     rebooted: turns were lost because the device was switched off and on.
     laid: the device was only laid on another face, which is no fault.
     sides: for methods by movements, sides on which the device has rested: 2 × axis, plus 1 if the axis points down.

@@ -26,8 +26,9 @@ _makers: list[Callable[[], Any]] = []
 
 
 def compiled(signature: str, *steps: Callable[..., Any]) -> Callable[[Callable[P, R]], Callable[P, R]]:
-    """Decorator that compiles a function for one signature in Numba's notation; its arguments are passed by position.
+    """Decorator that compiles a function for one signature in Numba's notation.
 
+    The compiled function takes its arguments by position only.
     steps: functions of the same file that the function calls; they are compiled into it.
     """
 

@@ -277,8 +277,14 @@ def carried(
 def smoothed(trace: Floats, quaternions: Floats, tilt_share: Floats) -> None:
     """Correct quaternions (n, 4) in place by later samples: a Rauch-Tung-Striebel pass over a trace (n, 11).
 
-    trace (n, 11): written by `carried`. Its columns are covariances of tilt (rad²) and velocity ((m/s)²), corrections,
-        and sample intervals (s).
+    trace (n, 11): written by `carried`, with these columns:
+
+        0..2   before the update: variance of tilt (rad²), covariance of both (rad m/s), variance of velocity ((m/s)²)
+        3..5   the same after the update
+        6, 7   correction of the tilt about x and y, rad
+        8, 9   correction of the velocity along x and y, m/s
+        10     sample interval, s; 0 where nothing was corrected
+
     quaternions (n, 4): sensor to earth, w x y z.
     tilt_share (n,), written: variance of the smoothed tilt divided by that of the real-time tilt.
     """

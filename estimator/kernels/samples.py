@@ -23,8 +23,9 @@ def vector(values: Float32s, limit: float, row: Floats) -> bool:
 
 
 def starts(numbers: Wholes, ticks: int) -> tuple[int, int, int, int]:
-    """Index, in 32-bit words, of the first gyro, accelerometer, temperature and flags value in the memory of all messages.
+    """Indices of the first gyro, accelerometer, temperature and flags value in the memory of all messages.
 
+    An index counts words of 32 bits from the start of this memory.
     numbers (6, m): message sizes, as for `unpacked`. ticks: number of clock ticks, 64 bits each, before these values.
     """
     gyro = 2 * ticks
@@ -34,10 +35,11 @@ def starts(numbers: Wholes, ticks: int) -> tuple[int, int, int, int]:
 
 
 def host_time(passed_ns: float, start: int, latest: float, place: Wholes) -> bool:
-    """Write a sample's host time into place[1]: `start`, of the message's first sample, plus passed_ns.
+    """Write the host time of a sample, start + passed_ns, into place[1] if it is not after `latest`.
 
-    All times in ns; start and latest since the Unix epoch.
-    Returns True if the host time is not after `latest`. Otherwise nothing is written.
+    start: host time of the message's first sample, ns since the Unix epoch. passed_ns: time from that sample on, ns.
+    latest: largest permitted host time, ns since the Unix epoch.
+    Returns True if the host time was written.
     """
     if not passed_ns <= latest - start:
         return False

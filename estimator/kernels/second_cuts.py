@@ -16,7 +16,7 @@ def nothing_gathered() -> tuple[Floats, Floats]:
 
 
 def let_go(state: Floats, moved: float | None) -> None:
-    """Discard the unfinished block and the waiting windows, because the next windows are skipped.
+    """Discard the unfinished block and the waiting windows, because the windows that follow are skipped.
 
     state (9,): state of `cut`, changed in place.
     moved: device time at the end of the last moving window among those skipped, s, or None.
@@ -29,7 +29,7 @@ def let_go(state: Floats, moved: float | None) -> None:
 def cut(
     found: Floats, first: int, begin: int, waiting: Floats, state: Floats, knobs: tuple[float, float, float]
 ) -> Floats:
-    """Join the next stillness windows into blocks of one second, and return one row (5) for each of k completed blocks.
+    """Join stillness windows, in order, into blocks of one second; return one row (5) for each of k completed blocks.
 
     found (m, 22): judged windows, as `judged` in kernels/stillness.py returns them. All times are device time, s.
     first: number of the sample to which index 0 in `found` refers. begin: index of the first window's first sample.

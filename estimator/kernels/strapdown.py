@@ -40,7 +40,7 @@ def rates(gyro: Floats, bias: Floats, calibrated: Floats, change: Floats) -> tup
 
 
 def half_turn(speed: float, h: float) -> tuple[float, float]:
-    """Cosine of half the angle turned in h seconds at `speed` (rad/s), and the sine of half the angle divided by speed (s)."""
+    """Return cos(a / 2), and sin(a / 2) / speed in s, for the angle a = speed h turned in h seconds at `speed`, rad/s."""
     half = 0.5 * speed * h
     if half >= 0.05:
         return np.cos(half), np.sin(half) / speed
@@ -117,10 +117,10 @@ def moved_ahead(dt: Floats, force: Floats, carried: Floats, push: Floats) -> Flo
 
 
 def slopes(carried: Floats, moved: Floats, rate: Floats, by_bias: Floats, by_matrix: Floats) -> None:
-    """Write the derivatives of rotation (rad) and push (m/s) by a constant rate error, (6, 3), and by the matrix, (6, 9).
+    """Write the derivatives of rotation (rad) and velocity change (m/s) by a constant rate error and by the matrix.
 
     carried, moved (9, n): results of `turned` and `moved_ahead`. rate (n, 3): rad/s.
-    by_bias (6, 3), by_matrix (6, 9): written. Rows: rotation (3), then push (3).
+    by_bias (6, 3), by_matrix (6, 9): written. Rows: rotation (3), then velocity change (3).
     Columns of by_bias: rate error about each sensor axis, per rad/s. Columns of by_matrix: elements of the relative
     change, by rows.
     """

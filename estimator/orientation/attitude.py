@@ -150,7 +150,8 @@ class Attitude:
     def traced(self, rows: Floats, known: Floats) -> tuple[Oriented, Floats]:
         """Integrate the attitude over n samples as `take` does; also return the trace (n, 11), the input of `smoothing.smooth`.
 
-        The trace holds the covariances and corrections of the filter at each sample.
+        The trace holds the covariances and corrections of the filter at each sample; kernels/orientation.py lists its
+        columns (`smoothed`).
         """
         trace = np.empty((len(rows), loop.TRACE))
         return _carry([(self, rows, known)], trace, every=True)[0], trace

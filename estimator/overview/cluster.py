@@ -14,7 +14,7 @@ class Share:
     """Estimator of a ward: whether it is alive, the devices that it owns, and recent changes of these.
 
     load: processor time used by the estimator's process, s per s; 1 is one core in full use. holdings: the owned
-    devices. moves: numbers of devices gained and given up, with times.
+    devices. moves: numbers of devices gained and given up, with host times.
     """
 
     estimator: str
@@ -39,7 +39,7 @@ class ClusterView:
     def devices(self) -> Mapping[str, tuple[str, Holding]]:
         """Owner of each device, by device id: the estimator's id and its claim.
 
-        If two estimators claim a device, the claim with the higher epoch (number of the ownership) counts.
+        If two estimators claim a device, the claim with the higher epoch (number of the ownership) is taken.
         """
         found: dict[str, tuple[str, Holding]] = {}
         for share in self.shares:
@@ -76,7 +76,13 @@ def cluster_view(ward: str, alive: Sequence[str], said: Iterable[Owned]) -> Clus
 
 
 def as_json(view: ClusterView) -> dict[str, Any]:
-    """Return the view of a ward's estimators as one JSON-compatible object."""
+    """Return the view of a ward's estimators as one JSON-compatible object.
+
+    Keys: ward; well (True without troubles); troubles (sentences); estimators.
+    Keys of an estimator: id; alive; load (s per s); devices (by id: epoch, boot id, number of the first sample not yet
+    corrected); moves.
+    Keys of a move: time_ns (ns since the Unix epoch); came and left (numbers of devices gained and given up); reason.
+    """
     return {
         "ward": view.ward,
         "well": not view.troubles,

@@ -144,7 +144,12 @@ def _misnamed(ward: str, bridges: Sequence[str], estimators: Sequence[str]) -> S
 
 
 def as_json(seen: WardSummary) -> dict[str, Any]:
-    """Return the summary of a ward as one JSON-compatible object."""
+    """Return the summary of a ward as one JSON-compatible object.
+
+    The keys are the fields of WardSummary, with three exceptions. `well` is added. `law` contains the sample counts,
+    whether they agree (holds), and sentences by device where they do not (broken). `unused` contains the totals by
+    reason (all), and the counts by device and reason (devices).
+    """
     return {
         "ward": seen.ward,
         "well": seen.well,
@@ -176,7 +181,7 @@ def as_json(seen: WardSummary) -> dict[str, Any]:
 
 
 def placement_as_json(placement: Placement | None) -> dict[str, Any] | None:
-    """Return a placement as a JSON-compatible object; None if nobody has recorded one for the device."""
+    """Return a placement as a JSON-compatible object with its fields; None if nobody has recorded one for the device."""
     return None if placement is None else asdict(placement)
 
 

@@ -76,10 +76,7 @@ class DeviceRow:
 
 
 class WardView:
-    """Latest status of each device of a ward, when it arrived, and the latest infos.
-
-    Every argument `now` is monotonic time, s.
-    """
+    """Latest status of each device of a ward, when it arrived (monotonic time), and the latest infos by bridge."""
 
     def __init__(self) -> None:
         self._statuses: dict[str, tuple[Status, float]] = {}

@@ -19,10 +19,10 @@ def as_json(
 ) -> dict[str, Any]:
     """Return a new calibration as JSON-compatible values, in SI units.
 
-    The object has the keys of a calibration file, and four more. These are axes to repeat, information per parameter in
-    bits, unused movements with reasons, and notes on the recording.
-    result: outcome of the estimation. calibration: the same as a record to save. passed_over: reasons why movements
-    were not used. notes: assumptions and repairs made when the recording was read.
+    The object has the keys of a calibration file (`offline.calibration_file`), and four more: `repeat` (axes whose turns
+    must be repeated), `information_bits` (by parameter; null without an estimate), `passed_over`, and `notes`.
+    result: outcome of the estimation. calibration: the same as a record to save. passed_over: for each unused movement
+    the reason. notes: assumptions and repairs made when the recording was read.
     """
     known = bool(np.all(np.isfinite(result.covariance)))
     bits = result.information_bits.tolist() if known else []

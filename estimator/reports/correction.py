@@ -32,7 +32,9 @@ def bias_known(corrected: CorrectedRecording) -> bool:
 def as_json(corrected: CorrectedRecording, recording: Recording, out: Path) -> dict[str, Any]:
     """Return a corrected recording's report as JSON-compatible values, in SI units.
 
-    Bias and its standard deviation (rad/s) are those of the last sample. out: path of the output file.
+    Keys: samples (their number); duration_s; rate_hz; smoothed; calibration (its id); matrix (3, 3); accelerometer (its
+    calibration); seconds_by_quality; temperature_c (lowest, highest); events (counts by name); said and notes (texts).
+    bias_rad_s and bias_std_rad_s (3) are those of the last sample. written is `out`, the path of the output file.
     """
     warm = recording.temperature_c
     return {

@@ -65,7 +65,15 @@ def as_tables(history: History) -> Iterator[RenderableType]:
 
 
 def as_json(history: History) -> dict[str, Any]:
-    """Return a device's whole history as JSON-compatible values, in SI units, with times in ISO 8601."""
+    """Return a device's whole history as JSON-compatible values, in SI units, with times in ISO 8601.
+
+    Keys: device; and the lists calibrations, placements, boots, commands and bias, each oldest first.
+    An element of `bias` is one boot with m points: boot, time (m), bias_rad_s and bias_std_rad_s (m, 3), temperature_c
+    (m; null where unknown).
+    Keys of a calibration: id, time, boot, method, verdict, reason, who, matrix (3, 3), bias_rad_s (3), parameters,
+    covariance, temperature_c. A placement has the fields of Placement; a boot or command has the columns of the table
+    `boots` or `audit` of the store.
+    """
     return {
         "device": history.device,
         "calibrations": [

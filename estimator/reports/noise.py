@@ -22,7 +22,10 @@ _POOR = 3.0  # misfit above which the model explains an axis poorly
 def as_json(rest: AtRest) -> dict[str, Any]:
     """Return the noise of a gyro at rest as JSON-compatible values, in SI units.
 
-    If `seen` of a noise coefficient is false, only its upper limit `high` is known.
+    Keys: used_s (start and end of the rest); recorded_s; rate_hz; bias_rad_s, noise_std_rad_s and step_rad_s (3 each);
+    temperature_c (lowest, highest); axes. `axes` has for x, y and z the fields of `Noise`, with the unit in the key,
+    without the interval of the Allan deviation. If `seen` of a noise coefficient is false, only its upper limit `high`
+    is known.
     """
     return {
         "used_s": [rest.start_s, rest.end_s],

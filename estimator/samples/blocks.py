@@ -18,8 +18,8 @@ class Blocks:
     """Cutter of the samples of one boot into blocks of device time; finished blocks go to `buffer`.
 
     began: device time at the start, s.
-    `length_s`: length of the next blocks, s; blocks end where device time is a multiple of it. `latest`: device time of
-    the last sample, s.
+    `length_s`: length of blocks from now on, s; blocks end where device time is a multiple of it. `latest`: device time
+    of the last sample, s.
     """
 
     def __init__(self, began: float) -> None:
@@ -69,7 +69,7 @@ class Blocks:
     def went_back(self, first_s: float, away_s: float) -> bool:
         """Return True if the device's clock went back; device time is then shifted so that it continues to rise.
 
-        first_s: device clock of the next sample, s.
+        first_s: device clock of the sample that follows the latest one, s.
         away_s: least time since the last sample according to the host, s.
         """
         if self._first_s is None or first_s + self._later_s > self.latest:
@@ -122,9 +122,9 @@ class Blocks:
         return begin, self.buffer.end
 
     def own(self) -> None:
-        """Copy the samples of the unfinished block, which otherwise are views of larger arrays.
+        """Copy the samples of the unfinished block out of the larger arrays of which they are views.
 
-        Without the copy, a silent device would keep all samples in memory that were decoded in the same array.
+        Otherwise a silent device would keep these arrays, with the samples of many devices, in memory.
         """
         self._block = [(rows.copy(), places.copy()) for rows, places in self._block]
 

@@ -41,7 +41,7 @@ class MeanRates:
         self._interval: _Interval | None = None
 
     def add(self, batch: CorrectedBatch) -> list[CorrectedBatch]:
-        """Add the device's next samples; return the mean of each interval that they complete, as batches of one sample."""
+        """Add samples, in order; return the mean of each interval that they complete, as batches of one sample."""
         numbers = np.ceil(batch.device_time * self._hz - _ROUNDING).astype(np.int64)
         cuts = [0, *(np.flatnonzero(np.diff(numbers)) + 1).tolist(), len(batch)]
         ended: list[CorrectedBatch] = []

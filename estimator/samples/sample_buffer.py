@@ -106,7 +106,7 @@ class SampleBuffer:
 
     @property
     def end(self) -> int:
-        """Number of the next sample to arrive."""
+        """Number that the next sample to arrive will get: one more than that of the latest sample."""
         return self._first + self._end
 
     def put(self, parts: Sequence[tuple[Floats, Wholes]]) -> None:

@@ -21,7 +21,7 @@ SILENT = (Code.NO_SAMPLES_SINCE_TAKEOVER(),)
 class DeviceLoss:
     """Detector of lost devices: devices without a usable sample for more than `silence_s` seconds.
 
-    waiting: bus keys of devices with messages not processed yet; these devices do not count as lost.
+    waiting: bus keys whose messages are not processed yet; the devices of these keys are not taken for lost.
     """
 
     def __init__(

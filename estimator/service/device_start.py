@@ -24,7 +24,7 @@ log = logging.getLogger(__name__)
 class DeviceStarts:
     """Starter of devices: creates them and puts them into the roster.
 
-    resumed: last sample of each device that was corrected before a restart of this estimator.
+    resumed: by device, the last sample that was corrected before a restart of this estimator.
     tell(device, outcome): reports the outcome of a start. listed: whether a `[devices]` table of the ward file names
     all devices.
     """
@@ -57,7 +57,7 @@ class DeviceStarts:
         now: monotonic time, s.
         Samples are used from one bridge only, the owner. The owner is the bridge named in a recent checkpoint, else the
         bridge of the last run, else the bridge of this batch.
-        If this estimator made an orderly stop during the same boot of the device, the session saved then continues.
+        If this estimator made an orderly stop during the same boot of the device, it continues the session saved there.
         """
         devices, cluster = self._parts.devices, self._parts.cluster
         if not devices.room(now, batch.n):
@@ -87,7 +87,7 @@ class DeviceStarts:
         return devices.get(name)
 
     def miss(self, now: float, wanted: Callable[[str], bool]) -> None:
-        """Add devices of the last run that have sent nothing since the start to the roster, so that they count as lost.
+        """Add to the roster the devices of the last run that have sent nothing since the start; they can then become lost.
 
         now: monotonic s. wanted(device): whether a device is to be served.
         """

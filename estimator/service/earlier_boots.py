@@ -85,7 +85,7 @@ class EarlierBoots:
         self._clerk.look_up(lambda: learn(self._store.points(info), knobs), then)
 
     def moves(self, session: DeviceSession, info: DeviceInfo, then: Callable[[float], None]) -> None:
-        """Compute the relative standard deviation of the scale factors from boot to boot of the same hardware.
+        """Compute the relative standard deviation of the scale factors' change from boot to boot of the same hardware.
 
         session: its settings of the prior are used. info: hardware of the device.
         then(std): called on the service's thread. The store is read on its own thread.

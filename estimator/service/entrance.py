@@ -45,7 +45,7 @@ class Newcomers:
     def admits(self, bridge: str, device: str, now: float) -> bool:
         """Return whether a device from a bridge is admitted; a refusal is counted. now: monotonic time, s.
 
-        An admitted new device counts against the limits until it is calibrated or forgotten.
+        An admitted device counts as new until it is calibrated or forgotten; the number of new devices is bounded.
         """
         if (bridge, device) in self._probation or self._exempt(device):
             return True
@@ -56,7 +56,7 @@ class Newcomers:
         return True
 
     def look(self, now: float, *, kept: Callable[[str], bool], proven: Callable[[str], bool]) -> None:
-        """Stop counting calibrated and forgotten devices against the limits; called once a second.
+        """Remove calibrated and forgotten devices from the bounded number of new devices; called once a second.
 
         now: monotonic time, s. kept(device): whether the device is still in the roster. proven(device): whether it has
         a calibration.

@@ -80,7 +80,7 @@ class ServiceHealth:
         return HealthSource(self.families, self.sick, self.unready)
 
     def sick(self) -> list[str]:
-        """Return the reasons for /healthz why the process is not alive; empty while it is alive.
+        """Return the faults that make /healthz report the process as not alive; empty while it is alive.
 
         It is not alive if its loop has made no snapshot for more than STUCK_S seconds. A process that waits for its
         first router counts as alive.
@@ -89,7 +89,7 @@ class ServiceHealth:
         return [f"the service's loop has been stuck for {age:.0f} s"] if age > STUCK_S else []
 
     def unready(self) -> list[str]:
-        """Return the reasons for /readyz why the service cannot work now, such as a missing router; empty if it can."""
+        """Return the faults that keep the service from working now, such as a missing router, for /readyz; or empty."""
         note = self._note
         if note is None:
             return ["no router yet", *self.routers.faults()]

@@ -37,7 +37,7 @@ BEYOND = MAX_EPOCH // 4
 def owner(device: str, estimators: Collection[str]) -> str:
     """Return the id of the estimator that owns a device: the one with the highest rendezvous hash.
 
-    estimators: at least one. When an estimator joins or leaves, only its own devices move.
+    estimators: at least one. When an estimator joins or leaves, only the devices of this estimator move.
     """
     return max(estimators, key=lambda name: (_weight(name, device), name))
 

@@ -15,8 +15,8 @@ _READ, _ENTER = stat.S_IROTH, stat.S_IXOTH
 def exposed(file: Path, ward: Ward) -> list[Path]:
     """Return the paths of a ward's private files that every user of this machine can read; empty if there are none.
 
-    file: path of the ward file. Checked are the ward file if it has password hashes, the people file, addresses of
-    alerts, store, backups and recordings.
+    file: path of the ward file; it is checked only if it has password hashes. Always checked are the people file, the
+    file with the addresses for alerts, the store, backups and recordings.
     """
     folders, files = list[Path](), [Path(ward.alerts.urls_file)] if ward.alerts.urls_file else []
     if ward.dashboard.people:

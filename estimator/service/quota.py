@@ -49,12 +49,12 @@ class _Queue:
 
 
 class Quotas:
-    """Fair queue of bus messages: a round of the run loop takes a limited share of each key's messages, in their order.
+    """Fair queue of bus messages: each round of the run loop takes a limited amount of them from each bus key, in order.
 
     From each key, a round takes at most SHARE_BYTES bytes, or one message that is larger. Each message counts for at
     least 1024 bytes. After about ROUND messages in total, the remaining keys wait for the next round.
     For each key, at most QUOTA_BYTES bytes wait; beyond that the oldest messages are dropped.
-    dropped(key, messages): called with the number of messages dropped.
+    dropped(key, messages): called with the bus key and the number of messages dropped.
     """
 
     def __init__(self, dropped: Callable[[str, int], None]) -> None:
@@ -68,7 +68,7 @@ class Quotas:
         return key in self._queues
 
     def round(self, messages: Sequence[Message]) -> list[Message]:
-        """Queue new messages; return the messages to process in this round, within the limits of each key."""
+        """Queue new messages; return those to process in this round, by the limits that the class describes."""
         if not self._queues and len({message.key for message in messages}) == len(messages) <= ROUND:
             return list(messages)  # one message of each key, as usual: nothing has to wait
         for message in messages:

@@ -79,17 +79,17 @@ class ReplayLog:
 
 
 class Resumed:
-    """Last sample of each device corrected before a restart; recognises replayed samples that were corrected already.
+    """Recogniser of replayed samples that this estimator had corrected already before it was restarted.
 
-    reached: boot, sequence number, host time (ns since the Unix epoch) and bridge of this sample, by device. now:
-    monotonic time of the start, s.
+    reached: by device, the last sample corrected before the restart: boot id, sequence number, host time (ns since the
+    Unix epoch) and bridge id. now: monotonic time of the restart, s.
     """
 
     def __init__(self, reached: Mapping[str, Reached], now: float) -> None:
         self._reached, self._until = dict(reached), now + LASTS_S
 
     def lasts(self, now: float) -> bool:
-        """Return whether replayed samples may still arrive at `now`, monotonic s: within LASTS_S of the start."""
+        """Return whether replayed samples may still arrive at `now`, monotonic s: within LASTS_S of the restart."""
         if self._reached and now >= self._until:
             self._reached = {}
         return bool(self._reached)

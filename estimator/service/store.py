@@ -135,7 +135,7 @@ class Store(StoreReader):
         """Append to the audit: a command with its outcome, or a calibration that the estimator refused.
 
         time_ns: host time, ns since the Unix epoch. verb, request_id: of the command. who: the person. reason: given by
-        the person. message: the reply.
+        the person. message: the reply. accepted: whether the command was accepted.
         """
         row: Row = {"time_ns": time_ns, "device": device, "verb": verb, "request_id": request_id, "who": who}
         self.database.insert("audit", row | {"reason": reason, "accepted": int(accepted), "message": written(message)})

@@ -227,9 +227,9 @@ class StoreAccess:
     # ---- where it was -----------------------------------------------------------------------------------------------
 
     def reached(self) -> dict[str, tuple[int, int, int, str]]:
-        """Return the last sample that the stored bias of each device used, if stored within the last CACHE_NS ns.
+        """Return, by device id, the last sample used for the bias, if the bias was stored within the last CACHE_NS ns.
 
-        Bridges may replay samples of this period. By device id: boot id, sequence number, host time in ns since the
+        Bridges may replay samples of this period. Values: boot id, sequence number, host time in ns since the
         Unix epoch, and bridge.
         """
         return self._store.reached(self._now_ns() - CACHE_NS)
@@ -292,7 +292,7 @@ class StoreAccess:
         return said.placement
 
     def standing(self, subject: str) -> Sequence[Alert]:
-        """Return the alerts of a device or an estimator that have not ended.
+        """Return the alerts of a device or an estimator that have not ended. subject: its id.
 
         Taken from another estimator's checkpoint if there is one, else from the store.
         """
@@ -313,7 +313,10 @@ class StoreAccess:
     # ---- commands ---------------------------------------------------------------------------------------------------
 
     def answered(self, key: keys.Key, command: Command) -> CommandReply | None:
-        """Return the reply to a command that was executed before, by this or another estimator; else None."""
+        """Return the reply to a command that was executed before, by this or another estimator; else None.
+
+        key: bus key of the command; contains device id and verb.
+        """
         for verb, reply in self._replicas.answers(key.device):
             if (verb, reply.request_id) == (key.ids["verb"], command.request_id):
                 return reply
@@ -334,6 +337,7 @@ class StoreAccess:
     ) -> None:
         """Record a command with its reply: inform the other estimators, and write it to the audit.
 
+        key: bus key of the command; contains device id and verb.
         device: None if it is unknown; then the other estimators are not informed. kept() is called once the entry is on
         disk, or after half a second if the disk fails.
         """

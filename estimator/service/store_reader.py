@@ -141,9 +141,9 @@ class StoreReader:
         return Before(ids, max((row["time_ns"] for row in repeats), default=None))
 
     def reached(self, since_ns: int) -> dict[str, tuple[int, int, int, str]]:
-        """Return the last sample that the stored bias of each device used, by device id.
+        """Return, by device id, the last sample that was used for the stored bias.
 
-        since_ns: biases stored before this host time, ns since the Unix epoch, do not count.
+        since_ns: biases stored before this host time, ns since the Unix epoch, are left out.
         Values: boot id, sequence number, host time in ns since the Unix epoch, and bridge, empty where unknown.
         Devices with a requested recalibration, or with turns taken, are left out: bridges may replay the samples of
         these turns.
@@ -159,7 +159,7 @@ class StoreReader:
     def last_run(self, within_ns: int) -> dict[str, tuple[int, int, str]]:
         """Return the devices that were served at the end of the last run, or whose `lost` alert had not ended.
 
-        within_ns: a device was served if its bias was stored at most so many ns before the newest bias of the store.
+        within_ns: a device was served if its bias was stored at most this long, ns, before the newest bias of the store.
         By device id: boot id, host time at which its bias was stored in ns since the Unix epoch, and bridge, empty if
         unknown.
         """

@@ -229,7 +229,7 @@ class Stillness:
         return windows
 
     def take(self, buffer: SampleBuffer, end: int) -> Windows:
-        """Judge the samples of a shared buffer before number `end`; return the windows that they complete.
+        """Judge the samples of a shared buffer up to but not including number `end`; return the completed windows.
 
         Spikes are corrected in the buffer. Do not mix with `feed`, which has a buffer of its own.
         """

@@ -25,8 +25,8 @@ class Factor(Struct, frozen=True, forbid_unknown_fields=True):
     """Cause of an error whose size the study varies: its values, and other differences of the sessions from `Base`.
 
     key: quantity that is varied; its suffix is the unit of the values. label: axis label in the figure.
-    With rate_hz, the noise of a sample grows with the root of the rate, at constant noise density. session_s scales
-    rests and turns together.
+    Key `rate_hz` keeps the noise density constant, so the noise of a sample grows with the root of the rate. Key
+    `session_s` is the length of a session; rests and turns are scaled together.
     wobble_deg: wobble of the hand, degrees. sampling: `mean` for sensors that average over a sample interval, `point`
         for sensors that read at one instant.
     log: True for a logarithmic axis in the figure.
@@ -67,7 +67,7 @@ class Row(Struct, frozen=True):
     k_rms, b_rms: rms errors of the scale factors k (no unit) and the bias b (°/s).
     k_mean, k_mean_ci: mean error of k, and half the width of its 95 % interval.
     k_bound, b_bound: rms Cramér-Rao bounds, in the same units.
-    nees: of closure, per degree of freedom; None for Algorithm 1.
+    nees: mean normalised estimation error squared of closure, per degree of freedom; None for Algorithm 1.
     """
 
     factor: str
@@ -92,7 +92,10 @@ class Analysis(Struct, frozen=True):
     rows: list[Row]
 
     def of(self, factor: str, method: str, sampling: str = "mean") -> list[Row]:
-        """Rows of one factor for one method (`algorithm1` or `closure`) and one sampling, in the order of the factor's values."""
+        """Rows of one factor for one method (`algorithm1` or `closure`), in the order of the factor's values.
+
+        sampling: `mean` or `point`, as in Factor.
+        """
         return [r for r in self.rows if (r.factor, r.method, r.sampling) == (factor, method, sampling)]
 
 
@@ -106,7 +109,7 @@ def jobs(of: AnalysisScenario) -> Sequence[Job]:
 def plan_of(of: AnalysisScenario, job: Job) -> PaperPlan:
     """Session plan of one job: rests, turns, noise and sample rate of `Base`, with the job's value of its factor.
 
-    Turns last from 0.8 to 1.2 of the plan's turn length (s).
+    job: (factor, value, sampling), as in `jobs`. Turns last from 0.8 to 1.2 of the plan's turn length (s).
     """
     factor = next(f for f in of.factors if f.name == job[0])
     base, value = of.base, float(job[1])

@@ -29,7 +29,7 @@ def run_one(
     workers: int | None = None,
     recording: Path | None = None,
 ) -> None:
-    """Run one study, with its own scenario or another, and save it in OUT/NAME.
+    """Run the study `name`, with its own scenario or another, and save it in the folder `out`/`name`.
 
     config: name or file of another scenario; empty for the study's own.
     runs: number of runs instead of the scenario's. quick: True for few runs.
@@ -56,7 +56,7 @@ def run_all(
     recording: Path | None = None,
     runs: int | None = None,
 ) -> None:
-    """Run all studies and write OUT/report.html; the study `real` runs only with a recording.
+    """Run all studies and write report.html in the folder `out`; the study `real` runs only with a recording.
 
     recording: path of the recorded session for the study `real`.
     runs: number of runs of each study instead of the scenario's. quick: True for few runs.

@@ -116,8 +116,7 @@ class Hand(Struct, frozen=True, forbid_unknown_fields=True):
     def pieces(self, rng: np.random.Generator) -> list[Piece]:
         """Motion of the paper's session as pieces: rest, turn about x, rest, turn about y, rest, turn about z, rest.
 
-        Each turn is −360° about the positive axis. Lengths, wobble, tilt and re-placement error are those of this
-        scenario.
+        Each turn is −360° about the positive axis. Lengths, wobble, tilt and re-placement error are those of the fields.
         """
         turns = tuple(TurnPlan(axis, -360.0) for axis in range(3))
         plan = SessionPlan(self.rest_s, turns, self.turn_s, self.wobble_deg, self.tilt_deg, self.replacement_deg)
@@ -126,14 +125,17 @@ class Hand(Struct, frozen=True, forbid_unknown_fields=True):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Recorded:
-    """Simulated recording, with its true rates (n, 3), rad/s, and the end times (m,) of the pieces of motion, s."""
+    """Simulated recording, with its true rates (n, 3), rad/s, and the ends (m,) of the pieces of motion.
+
+    ends_s: s since the start of the recording.
+    """
 
     recording: Recording
     rate: Floats
     ends_s: Floats
 
     def until(self, time_s: float, *, accel: bool = False) -> Recording:
-        """Part of the recording up to a time, s, with or without the accelerometer."""
+        """First part of the recording, up to `time_s` seconds after its start, with or without the accelerometer."""
         r = self.recording
         n = int(np.searchsorted(r.time_s, time_s + 1e-9))
         return Recording(

@@ -20,6 +20,7 @@ _DRAWN = 4
 class Row(Struct, frozen=True):
     """Spread over the sessions of the mean magnitude of the rate, °/s, in one turn of a sensor.
 
+    spin: axis and direction of the turn, such as `x cw` (clockwise) or `x ccw`.
     rates: `raw` for readings, or the correction: `turn360`, `closure`, or `paper` for the paper's K and b.
     """
 
@@ -32,7 +33,7 @@ class Row(Struct, frozen=True):
 class Trace(Struct, frozen=True):
     """Magnitudes of the rate over time during the turns of a sensor's first session, without ramps.
 
-    time_s: time of each value, s. begins_s: start of each turn, s.
+    time_s: time of each value, s from the first one. begins_s: start of each turn on this scale, s.
     dps: magnitudes, °/s, by kind of rates: `raw` for readings; `turn360`, `closure`, `paper` for corrected rates.
     """
 
@@ -68,8 +69,8 @@ def work(of: Inputs, job: Job) -> Arrays:
 
     The result has the array `mean` (6 turns, 4 kinds of rates): mean magnitudes, °/s. The kinds are `raw`, `turn360`,
     `closure` and `paper`.
-    The first run of a sensor also returns arrays over time: time (n,) s, dps (4, n) °/s, and the starts of the turns,
-    begins (6,) s.
+    The first run of a sensor also returns arrays over time: time (n,), s from the first value; dps (4, n), °/s, by kind;
+    and the starts of the turns, begins (6,), s on the same scale.
     """
     found = verify(of, job)
     size = {name: np.degrees(np.linalg.norm(rate, axis=1)) for name, rate in found.rates.items()}

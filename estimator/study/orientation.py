@@ -39,7 +39,7 @@ class Row(Struct, frozen=True):
 class Trace(Struct, frozen=True):
     """Angle over time of a sensor's first session, in the machine turns about one axis.
 
-    time_s: time of each value, s.
+    time_s: time of each value, s from the first one.
     deg: angles, degrees, by kind of rates (`raw`, `turn360`, `closure`, `paper`), and `ideal` for the true angle.
     """
 
@@ -84,8 +84,8 @@ def work(of: Inputs, job: Job) -> Arrays:
 
     The result has the array `errors` (3 axes, 4 kinds of rates, 2), degrees: the largest and the final error. The kinds
     are `raw`, `turn360`, `closure` and `paper`.
-    The first run of a sensor also returns time_x (n,), s, and the angles deg_x (5, n), degrees, and the same for y and
-    z.
+    The first run of a sensor also returns time_x (n,), s from the first value, and the angles deg_x (5, n), degrees:
+    those of the four kinds, then the true one. The same follows for y and z.
     """
     found = verify(of, job)
     dt = np.full(len(found.time_s), float(np.median(np.diff(found.time_s))))

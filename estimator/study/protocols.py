@@ -250,7 +250,7 @@ def run(console: Console, runs: int, method: str, workers: int | None) -> None:
     """Calibrate `runs` good and `runs` bad sessions in parallel, and print a table of the results.
 
     method: calibration method. workers: number of processes; None for one per processor.
-    A fifth as many sessions with undetectable faults are added; they do not count as wrong results.
+    A fifth as many sessions with undetectable faults are added; their results are not counted as wrong.
     """
     kinds, undetectable = list(BAD), list(UNDETECTABLE)
     jobs = [(GOOD, seed, method) for seed in range(runs)]

@@ -56,7 +56,7 @@ class Sensors(Struct, frozen=True):
 
     labels: titles of the sensors by name.
     paper_limit: by sensor, the largest error in the paper of scale factors (no unit) and bias (°/s).
-    machine: median computing time of each method on this computer, ms.
+    machine: by method, the median time that this computer needs to calibrate one session, ms.
     """
 
     labels: dict[str, str]

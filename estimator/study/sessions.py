@@ -14,7 +14,7 @@ _WOBBLE_HARMONICS = 4
 
 
 class Turntable(Struct, frozen=True, forbid_unknown_fields=True):
-    """Turntable session: each of rates_dps (°/s) both ways about each axis.
+    """Turntable session: turns about each axis, in both directions, at each of the rates `rates_dps` (°/s).
 
     rest_s, spin_s: length of rests and spins, s.
     fixture_deg: standard deviation of the mounting angle per axis, degrees.
@@ -32,7 +32,7 @@ class Turntable(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Servomotor(Struct, frozen=True, forbid_unknown_fields=True):
-    """Servo session: one rate rate_dps (°/s) both ways about each axis.
+    """Servo session: turns about each axis, in both directions, at the one rate `rate_dps` (°/s).
 
     rest_s, spin_s: length of rests and spins, s.
     fixture_deg: standard deviation of the mounting angle per axis, degrees.

@@ -56,7 +56,8 @@ class Parameter(Struct, frozen=True):
 class Typical(Struct, frozen=True):
     """Results of the study: readings of one session, its turns as simulated and found, and the calibration.
 
-    time_s (n): s. reading_dps (3, n): readings by axis, °/s. noise_dps: noise of a reading, °/s.
+    time_s (n): s from the start of the session. reading_dps (3, n): readings by axis, °/s.
+    noise_dps: noise of a reading, °/s.
     """
 
     noise_dps: float

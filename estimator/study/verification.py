@@ -48,7 +48,7 @@ class Verification:
 
     time_s (n,): time from the start of the machine part, s. truth (n, 3): true rate, rad/s.
     rates: arrays (n, 3), rad/s, by name: `raw` for readings, `turn360`, `closure` and `paper` for corrected rates.
-    spins: start and end of each turn with its ramps, s.
+    spins: start and end of each turn with its ramps, on the scale of time_s, s.
     """
 
     time_s: Floats

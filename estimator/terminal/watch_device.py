@@ -51,7 +51,8 @@ def show_devices(console: Console, ward: str, endpoints: Sequence[str]) -> int:
 def show_status(console: Console, ward: str, endpoints: Sequence[str], *, as_json: bool) -> int:
     """Print a ward's summary; returns the exit code: 1 if a person has to do something, else 0.
 
-    endpoints: addresses of the routers, such as `tcp/10.0.0.5:7447`. as_json: print JSON instead of text.
+    endpoints: addresses of the routers, such as `tcp/10.0.0.5:7447`. as_json: print JSON
+    (`overview.summary.as_json`) instead of text.
     """
     with Client(endpoints, ward=ward) as client:
         bridges, estimators = client.alive("bridge"), client.alive("estimator")

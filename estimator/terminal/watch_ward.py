@@ -36,7 +36,8 @@ def watch_ward(
 ) -> int:
     """Show the client's ward until Ctrl-C, for `seconds` s, or once.
 
-    only: id of the device to show; empty shows all.
+    only: id of the device to show; empty shows all. once: show the ward once and end. as_json: print one JSON object at
+    each update. Its keys: ward; tracking and of (numbers of tracking devices and of all); devices (`DeviceRow.as_dict`).
     Returns the exit code: 0 if the ward has the device `only`, or with an empty `only` any device; else 1.
     """
     ears, heard, said, strange = LiveMessages(client), False, dict[str, str](), ""

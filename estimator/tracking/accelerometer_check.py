@@ -24,7 +24,8 @@ SCALE_STD = 0.05
 class AccelerometerCheck(StateStruct):
     """Accelerometer check: decides if tracking uses the accelerometer, from its readings and from the gravity evidence.
 
-    The input comes in blocks of one second (`Second`), and in receipts of the gravity evidence of these blocks.
+    The input comes in blocks of one second (`Second`), and in receipts of the gravity evidence of these blocks. A block
+    contradicts the bias if the test ratio of its receipt is above 1, else it agrees.
     balance: number of contradicting blocks minus number of agreeing blocks, at least 0.
     row: number of contradicting blocks in a row.
     disbelieved: True if the accelerometer is not used for the rest of this boot.

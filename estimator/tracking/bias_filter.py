@@ -262,7 +262,7 @@ class BiasFilter:
         return self._said(evidence, innovation, cov, nis)
 
     def update_both(self, first: Evidence, then: Evidence) -> tuple[Receipt, Receipt]:
-        """Update with two simultaneous measurements, and return both receipts.
+        """Update with two measurements of the same time, and return both receipts in the same order.
 
         Both are applied in one joint update if both pass their gates and `first.common_var` is None. Otherwise `update`
         applies one after the other.

@@ -71,9 +71,9 @@ class BoundedMotion(StateStruct):
             shaped(refused.cov, 3, 3)
 
     def take(self, second: Second, bias: BiasFilter, up: Floats | None = None) -> list[Receipt]:
-        """Add the next one-second block; at the end of a 30 s stretch, update the filter and return the receipts.
+        """Add a one-second block; at the end of a 30 s stretch, update the filter and return the receipts.
 
-        second: a block in which the device is quiet but not at rest.
+        second: a block in which the device is quiet but not at rest; blocks must come in the order of time.
         bias: the filter, already predicted to the end of the block.
         up (3,): gravity in sensor axes, of any length; None without an accelerometer.
         Returns an empty list before the end of a stretch, and for a stretch in which the body swings more than 10°.

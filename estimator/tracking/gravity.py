@@ -52,7 +52,7 @@ class GravityKnobs:
     speed, speed_per_unrest, fastest: mean speed of a wearer over a span, m/s. It is `speed` plus `speed_per_unrest`
         times the unrest (m/s), at most `fastest`.
     resting_speed: speed of a resting device, m/s.
-    doubt: gate of the measured velocity: NIS with 3 degrees of freedom above which R is enlarged.
+    doubt: gate of the measured velocity: NIS with 3 degrees of freedom above which its covariance is enlarged.
     way_share: rotation error per angle turned in a span, rad per rad.
     accel_noise, accel_bias, accel_walk: accelerometer noise, m/s² per root Hz; its bias, m/s²; random walk of this
         bias, m/s² per root second.
@@ -106,7 +106,8 @@ class Gravity:
     def extend(self, state: BiasState, scale_std: Floats, cross_std: Floats) -> BiasState:
         """Append the 18 gravity states to a bias state, which gives SIZE (24) states; gravity itself is not known yet.
 
-        scale_std, cross_std (3,): relative standard deviations of the gyro matrix, on and off its diagonal.
+        scale_std, cross_std (3,): relative standard deviations of the gyro matrix. For each row, that of its diagonal
+            element, and that of its two other elements.
         """
         x, P = np.zeros(SIZE), np.zeros((SIZE, SIZE))
         x[:OWN], P[:OWN, :OWN] = state.x[:OWN], state.P[:OWN, :OWN]
@@ -160,8 +161,8 @@ class Gravity:
     def heard(self, receipt: Receipt, span: Span, *, resting: bool) -> None:
         """Pass the receipt of the zero-velocity measurement of a span to the steady-motion detector.
 
-        If the device rests, or if the test ratio is above 1, the receipt does not show walking. The detector then only
-        forgets the previous innovation.
+        resting: True for a resting device. If so, or if the test ratio is above 1, the receipt does not show walking.
+        The detector then only forgets the previous innovation.
         """
         if resting or receipt.test_ratio > 1:
             self.state.lasting.before = None

@@ -76,8 +76,8 @@ class SecondsState(StateStruct):
 
     gathered (9,), waiting (k, 6): state of the unfinished block, and the windows that wait for a judgement. Their
         columns are those of `state` and `waiting` in kernels/second_cuts.py.
-    before (9,): last sample before the present block, or None: time (s), gyro (rad/s), accelerometer (m/s²), clipped,
-        °C.
+    before (9,): last sample before the present block, or None: device time (s), gyro (rad/s), accelerometer (m/s²),
+        clipped, °C.
     step (3,): smallest difference between readings so far, rad/s.
     noisy: for each axis, True if the readings never repeat at rest.
     """
@@ -113,7 +113,7 @@ class Seconds:
     def restore(self, state: SecondsState, first: int, samples: Floats) -> None:
         """Restore a saved state, with the samples of the unfinished block and of the waiting windows.
 
-        samples (n, 9): time (s), gyro (rad/s), accelerometer (m/s²), clipped, temperature (°C).
+        samples (n, 9): device time (s), gyro (rad/s), accelerometer (m/s²), clipped, temperature (°C).
         first: number of the first of these samples, counted from the first one of the stream.
         Raises ValueError when the state is damaged or needs other samples.
         """
@@ -137,7 +137,7 @@ class Seconds:
         return int(self._state.item(-1))
 
     def take(self, windows: Windows) -> list[tuple[int, Second]]:
-        """Add the next stillness windows; return the one-second blocks that they complete.
+        """Add windows of the stillness detector, in the order of time; return the one-second blocks that they complete.
 
         Each result is a pair: index in `windows` of the window that completed the block, and the block.
         """

@@ -37,8 +37,7 @@ class _Step:
 class History:
     """Buffer of filter steps for smoothing, one step a second.
 
-    most: largest number of steps, None without a limit. Beyond it, the number is halved: every second step is merged
-        into the step after it.
+    most: largest number of steps, None without a limit. Beyond it, neighbouring steps are merged in pairs.
     """
 
     def __init__(self, most: int | None = None) -> None:

@@ -27,9 +27,10 @@ _LEAST_STD = 1e-6
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Points:
-    """Tracked biases of one boot at m device times in order, as data for a temperature law.
+    """Tracked biases of one boot at m times in increasing order, as data for a temperature law.
 
-    time (m,): s. bias (m, 3): rad/s. std (m, 3): its standard deviation, rad/s. temperature_c (m,): °C.
+    time (m,): host time, s. bias (m, 3): rad/s. std (m, 3): its standard deviation, rad/s. temperature_c
+    (m,): °C.
     """
 
     time: Floats

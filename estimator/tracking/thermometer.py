@@ -22,11 +22,11 @@ _STALE_S = 60.0
 
 
 class Thermometer(StateStruct):
-    """Temperature filter: averages the readings. Temperatures in °C, times in device s; NaN when unknown.
+    """Temperature filter: averages the readings over 10 s.
 
-    averages: recent averages as pairs (device time s, °C).
+    averages: recent averages as pairs of device time (s) and temperature (°C).
     leapt: device time since which the readings are too far from the average, s, or None.
-    reading: latest accepted reading, unfiltered, °C.
+    reading: latest accepted reading, unfiltered, °C; NaN before the first.
     """
 
     averages: list[tuple[float, float]] = msgspec.field(default_factory=list)
@@ -80,7 +80,7 @@ class Thermometer(StateStruct):
         return _LEAP_K * max(1.0, (time - self.averages[-1][0]) / _LEAP_S)
 
     def go_on(self, time: float, celsius: float) -> None:
-        """Restart the average from a stored one, °C, at a device time, s; all other averages are discarded.
+        """Restart from a stored average temperature, °C, at a device time, s; all other averages are discarded.
 
         A stored average that is not finite has no effect.
         """

@@ -30,7 +30,7 @@ class TiltCheck(StateStruct):
     def watch(self, second: Second) -> bool:
         """Add a quiet one-second block; return True if gravity has turned since the first block of the last 10 s.
 
-        The limit is 4 standard deviations of the angle. False without accelerometer readings.
+        Gravity has turned if the angle exceeds 4 of its standard deviations. False without accelerometer readings.
         """
         if second.accel_mean is None or second.accel_std is None:
             return False

@@ -118,8 +118,8 @@ class TrackedBias:
         """Restore a state saved by `saved`; the tracker then continues as if it had not stopped.
 
         model: the gyro model in use.
-        samples (n, 9): the samples still needed; time (s), gyro (rad/s), accelerometer (m/s²), clipped, temperature
-            (°C).
+        samples (n, 9): the samples still needed; device time (s), gyro (rad/s), accelerometer (m/s²), clipped,
+            temperature (°C).
         first: number of the first of these samples, counted from the first one of the stream.
         Raises ValueError when the state is damaged; the tracker is then unusable.
         """
@@ -251,7 +251,7 @@ class TrackedBias:
         return {**spikes, **disbelieved}
 
     def smoothed(self, since: float = -np.inf) -> Smoothed | None:
-        """Smoothed bias, rad/s, at every stored second after device time `since`, s; None without data.
+        """Smoothed bias, rad/s, at the end of every stored block after device time `since`, s; None without data.
 
         The standard deviation is multiplied by the same factor for overconfidence as that of `std`.
         """
@@ -297,7 +297,7 @@ class TrackedBias:
     def restored(self, model: GyroModel, state: BiasState, now: float, temperature_c: float | None = None) -> None:
         """Continue from a stored bias state at device time `now`, s; samples from before the state are not used.
 
-        temperature_c: the device's temperature now, °C, or None when unknown.
+        model: gyro model to use. temperature_c: the device's temperature now, °C, or None when unknown.
         """
         self._believe(model, state)
         self._zaru.rested = False

@@ -41,7 +41,7 @@ class Tracker(TrackedBias):
     def calibrated(self, model: GyroModel, cov: Floats, time: float, rest: RestBias) -> None:
         """Restart from a calibration: its bias with covariance cov (3, 3), (rad/s)², at device time `time`, s.
 
-        rest: the bias measured in the still period after the last turn.
+        model: gyro model of the calibration, with its bias. rest: the bias measured in the rest after the last turn.
         """
         before = self._filter.state
         begun = start(
@@ -63,8 +63,9 @@ class Tracker(TrackedBias):
         self.doubt.anew()
 
     def learn(self, second: Second) -> list[Receipt]:
-        """Update bias, temperature and gravity from the next one-second block of samples.
+        """Update bias, temperature and gravity from a one-second block of samples.
 
+        second: the block; blocks must come in the order of time.
         Returns the receipts of the measurements of the bias at rest or in quiet motion, possibly none.
         """
         self.thermometer.read(second.end, second.celsius)

@@ -38,8 +38,8 @@ class WalkRate(StateStruct):
     told (h,): log-likelihood of each hypothesis.
     x (h, 3), P (h, 3): mean of the bias, rad/s, and its variance, (rad/s)², under each hypothesis.
     time, celsius: device time (s) and temperature (°C) of the last measurement.
-    block: up to four seconds of rest that wait for the fifth, as tuples. Each has end (s), mean (3,) rad/s, its
-        variance (3,) (rad/s)², and temperature (°C).
+    block: one-second blocks of rest, at most four, that wait for the fifth. Each is a tuple of end (device time, s),
+        mean (3,) rad/s, its variance (3,) (rad/s)², and temperature (°C).
     Raises ValueError for arrays of wrong shape.
     """
 

@@ -52,7 +52,7 @@ class Zaru(StateStruct):
     in_question: remaining variance, (rad/s)², of a bias that was accepted only because a contradiction lasted two
         minutes.
     waiting: measurements that will be judged together with the following ones.
-    contradiction: start (s), z (rad/s) and R ((rad/s)²) of a contradiction that lasts, or None.
+    contradiction: start (device time, s), z (rad/s) and R ((rad/s)²) of a contradiction that lasts, or None.
     receipts_before, receipts_late: receipts that `surprises` and `judged` will return next.
     Raises ValueError for a damaged state.
     """

@@ -9,7 +9,7 @@ _CUSTOMER = 64
 
 @lru_cache(4096)
 def neighbourhood(address: str) -> str:
-    """Return the key under which rate limits count a client address: of an IPv6 address its /64 network.
+    """Return the key under which rate limits count a client address: for an IPv6 address, its /64 network.
 
     One machine may hold all addresses of a /64 network. An IPv4-mapped IPv6 address becomes IPv4. Other addresses are
     returned unchanged.

@@ -31,8 +31,8 @@ class DevicePage:
 
     progress: of the calibration, 0 to 1. can_calibrate: True if turns of the device would be noticed. blocked: why no
     command can be given, or empty.
-    facts: (name, value) of hardware and counts. calibrations: whether the calibration is in use, and its cells.
-    calibrations, boots, notes, events: newest first.
+    facts: (name, value) of hardware and counts. calibrations: for each, whether it is in use, and the texts of its
+    table row. boots, notes, events: for each, three texts. All four lists have the newest first.
     """
 
     title: str

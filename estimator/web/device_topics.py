@@ -40,7 +40,7 @@ class DeviceTopic(topics.Topic):
     of_a_device = worded = True
 
     def whole(self, now: float, now_ns: int) -> Iterable[Frame]:
-        """Yield the present content of the page as one text frame; nothing for an unknown device.
+        """Yield the present content of the page (`DevicePage`) as one text frame; nothing for an unknown device.
 
         now: monotonic time, s. now_ns: ns since the Unix epoch.
         """
@@ -71,6 +71,8 @@ class TraceTopic(topics.Topic):
 
         Binary frame: float64 (n,) host time, s since the Unix epoch; then float32 (n, 3) raw rates, corrected rates and
         their standard deviation, °/s.
+        Text: `since` (start of the integration, as text), `vertical` and `turned` (degrees) as in `Heading`, `now`
+        (latest error) and `points` (one a second). An error is a list: host time (s), read, zeroed, std, as in `Lost`.
         now: monotonic time, s. now_ns: ns since the Unix epoch.
         """
         if (kept := self._traces.kept()) is not None:
@@ -80,7 +82,7 @@ class TraceTopic(topics.Topic):
     def frames(self, now: float, now_ns: int) -> Iterable[Frame]:  # noqa: ARG002 - of a topic
         """Yield the new points as a binary frame, as in `whole`.
 
-        Once a second also the heading error (degrees) as text.
+        Once a second, a text frame with the heading error (degrees) follows, as in `whole`.
         now: monotonic time, s. now_ns: ns since the Unix epoch.
         """
         story = self._story
@@ -135,6 +137,7 @@ class AttitudeTopic(topics.Topic):
     def frames(self, now: float, now_ns: int) -> Iterable[Frame]:  # noqa: ARG002 - of a topic
         """Yield the newest attitude as one text frame, if a new one has arrived since the last call.
 
+        Keys: quat_wxyz (4); tilt, heading, and half the widths of their 95 % intervals tilt_band, heading_band, degrees.
         now: monotonic time, s. now_ns: ns since the Unix epoch.
         """
         if (batch := self._attitudes.latest()) is not None:
@@ -158,6 +161,7 @@ class TrailTopic(topics.Topic):
     def whole(self, now: float, now_ns: int) -> Iterable[Frame]:  # noqa: ARG002 - of a topic
         """Yield rests and events (times in s since the Unix epoch) as text, then the points as a binary frame.
 
+        Text: `rests`, pairs (start, end); `marks`, pairs (time, kind) with the kinds of `device_trail.Mark`.
         Binary frame: float64 (n,) host time, s since the Unix epoch; then float32 (n, 7): bias x, y, z and its standard
         deviations in °/s, temperature in °C.
         now: monotonic time, s. now_ns: ns since the Unix epoch.
@@ -188,7 +192,9 @@ class ReceiptTopic(topics.Topic):
     def whole(self, now: float, now_ns: int) -> Iterable[Frame]:  # noqa: ARG002 - of a topic
         """Yield one text frame with all kept receipts; nothing for an unknown device.
 
-        For a device that does not track, the verdict is the instruction what to do with the device.
+        Keys: `verdict` on the filter and its colour class `tone`, `mean` NIS as text, `lines` (latest receipts as texts),
+        and `points` (host time in s since the Unix epoch, NIS per degree of freedom, whether accepted).
+        For a device that does not track, `verdict` says what to do with the device.
         now: monotonic time, s. now_ns: ns since the Unix epoch.
         """
         if (story := self._story) is None:

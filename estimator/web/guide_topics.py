@@ -25,7 +25,7 @@ class GuideTopic(topics.Topic):
         self._told_at = 0.0
 
     def whole(self, now: float, now_ns: int) -> Iterable[Frame]:  # noqa: ARG002 - of a topic
-        """Yield the present content of the guide page as a text frame; nothing for an unknown device.
+        """Yield the present content of the guide page (`GuideView`) as a text frame; nothing for an unknown device.
 
         now: monotonic time, s. now_ns: ns since the Unix epoch.
         """

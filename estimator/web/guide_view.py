@@ -41,7 +41,7 @@ class Turn:
 class Said:
     """Texts of the guide page in one language; an empty text is not shown.
 
-    head, how: what to do, and how. wrong: why the last attempt does not count. compared: comparison with the previous
+    head, how: what to do, and how. wrong: why the last attempt was not accepted. compared: comparison with the previous
     calibration. troubles: faults of the ward.
     """
 

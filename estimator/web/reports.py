@@ -40,8 +40,8 @@ def certificate(
     limit: largest accepted relative error of a scale factor (`SessionKnobs.scale_limit`). due_days: days until a
     calibration is due again.
     now_ns: host time, ns since the Unix epoch.
-    In the result, `matrix` is empty if only the diagonal was estimated. `next` is the key of the text that says what to
-    do.
+    The result has the variables of templates/certificate.html. Its `matrix` is empty if only the diagonal was
+    estimated. `next` is the key of the text that says what to do.
     """
     accepted, in_use = c.verdict is Verdict.ACCEPTED, status is not None and status.calibration == c.id
     newest = all(other.time_ns <= c.time_ns for other in known)
@@ -95,9 +95,11 @@ def certificate(
 
 
 def summary(known: Known, now: float, t: Texts) -> dict[str, Any]:
-    """Build the ward summary as values for its template: all `devices` by name, and those that need a person.
+    """Build the ward summary as the variables of templates/report.html.
 
-    now: monotonic time, s. Devices that need a person are sorted by urgency.
+    Keys: `devices` (all, by name), `needs` (those that need a person, most urgent first), `tracking` and `of` (number
+    of tracking devices and of all), `troubles` (faults of the ward).
+    now: monotonic time, s.
     """
     found = known.rows(now)
     lines = {row.device: _line(row, known.stories[row.device], t) for row in found}

@@ -28,7 +28,7 @@ async def body(request: Request) -> bytes:
 
 
 async def fields(request: Request) -> dict[str, str]:
-    """Read the fields of a form by name; of repeated names the last counts. Raises Fault for a malformed form."""
+    """Read the fields of a form by name; of repeated names the last is used. Raises Fault for a malformed form."""
     text = (await body(request)).decode("utf-8", "replace")
     try:
         return dict(parse_qsl(text, keep_blank_values=True, max_num_fields=20))

@@ -76,8 +76,8 @@ class Sessions:
     ) -> str:
         """Start a person's session at monotonic time `now`, s, and return its cookie.
 
-        instead: cookie of the browser's earlier session, which ends. elsewhere: whether an OpenID Connect provider
-        authenticated the person.
+        role: which actions are allowed. instead: cookie of the browser's earlier session, which ends. elsewhere:
+        whether an OpenID Connect provider authenticated the person.
         """
         self.end(instead or "")
         cookie = secrets.token_urlsafe(32)

@@ -21,7 +21,7 @@ PATIENCE_S = 1.0
 
 
 class SharedWork(Generic[T]):
-    """Computes answers one at a time on its own thread; requests with equal keys share an answer for `keep_s` s."""
+    """Computation of answers on its own thread, one at a time; requests with equal keys share one for `keep_s` s."""
 
     def __init__(self, keep_s: float) -> None:
         self._keep_s = keep_s

@@ -40,7 +40,8 @@ class Tile:
     state: name for programs. word: name for people. tone: colour class. advice: one plain sentence that says what to
     do.
     number: index of the device in the binary frames that cover all devices.
-    bias_std: standard deviation of the bias on the least known axis, rad/s. calibrated_ns: ns since the Unix epoch.
+    bias_std: standard deviation of the bias on the least known axis, rad/s. calibrated_ns: host time of the
+    calibration, ns since the Unix epoch.
     battery_percent: charge, 0 to 100.
     """
 
@@ -225,7 +226,7 @@ def advice(row: DeviceRow, story: Story, t: Texts) -> str:
 
 
 def explained(reason: Sentences) -> Sentences:
-    """Return the reasons without orders: the advice gives the one order of a page."""
+    """Return the sentences of `reason` that do not tell a person what to do; `advice` says that once for the page."""
     return tuple(one for one in reason if one.code not in _ORDERS)
 
 

@@ -22,8 +22,7 @@ from estimator.web.ward_state import Story
 class Topic:
     """Base class of content that pages watch under one name.
 
-    All methods are called from the event loop and must return quickly. In all of them, now is monotonic time, s, and
-    now_ns is host time, ns since the Unix epoch.
+    All methods are called from the event loop and must return quickly.
     """
 
     #: a device id follows in the name: the topic exists for devices that have been heard of

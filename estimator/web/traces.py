@@ -40,7 +40,7 @@ class Pair:
 
 
 class Traces:
-    """Matches raw with corrected batches of one device by sample number, and thins the pairs to points for a chart."""
+    """Matches raw with corrected batches of one device by sequence number, and thins the pairs to points for a chart."""
 
     def __init__(self) -> None:
         self._raw: deque[tuple[float, SampleBatch]] = deque(maxlen=_WAITING)
@@ -49,7 +49,7 @@ class Traces:
         self._kept: deque[Floats] = deque(maxlen=_WAITING)
 
     def take(self, now: float, raw: list[SampleBatch], corrected: list[CorrectedBatch]) -> list[Pair]:
-        """Pair raw with corrected rates by sample number; returns the pairs in order of the readings.
+        """Pair raw with corrected rates by sequence number; returns the pairs in order of the readings.
 
         raw, corrected: batches received since the last call. now: monotonic time, s. A raw batch may match several
         corrected batches. Samples that have no corrected rates after ALONE_S seconds get NaN instead.

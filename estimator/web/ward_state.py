@@ -114,9 +114,9 @@ class Story:
             self.trail.mark(Mark(note.time_ns, "note", f"{note.who}: {note.text}"))
 
     def hears(self, bridge: str) -> bool:
-        """Return whether samples and infos from this bridge count.
+        """Return whether pages show the device's samples and infos from this bridge.
 
-        They do if the estimator uses this bridge's samples of the device, or no bridge's samples yet.
+        True if the estimator uses this bridge's samples of the device, or no bridge's samples yet.
         """
         return self.status is None or not self.status.boot or self.status.bridge in {"", bridge}
 
@@ -231,7 +231,7 @@ class Known:
     def take_info(self, info: DeviceInfo) -> None:
         """Keep a bridge's info about a device, and record the boot that it names.
 
-        If several bridges list the device, only the info from the bridge whose samples the estimator uses counts.
+        If several bridges list the device, its present info is the one from the bridge whose samples the estimator uses.
         """
         if not self._view.room(info.device, STRANGERS):
             self.left_out.add("devices")

@@ -27,7 +27,7 @@ class WardTopic(topics.Topic):
     worded = True
 
     def whole(self, now: float, now_ns: int) -> Iterable[Frame]:
-        """Yield the present content of the ward page as one text frame.
+        """Yield the present content of the ward page (`WardPage`) as one text frame.
 
         now: monotonic time, s. now_ns: ns since the Unix epoch.
         """

@@ -42,7 +42,7 @@ def answer(content: Any, status: HTTPStatus = HTTPStatus.OK, headers: dict[str, 
 
 
 def refused(fault: Fault) -> Response:
-    """Build the JSON error response of a fault: its code, message and reason, with its status and headers."""
+    """Build the JSON error response (`answers.Error`) of a fault, with its status and headers."""
     return answer(
         answers.Error(answers.ErrorWords(fault.code, fault.message, answers.said(fault.reason))),
         fault.status,
@@ -57,22 +57,23 @@ async def document(request: Request) -> Response:
 
 
 async def devices(request: Request) -> Response:
-    """Serve all devices of the ward as JSON; devices that need a person come first."""
+    """Serve all devices of the ward as JSON (`answers.Devices`); devices that need a person come first."""
     known_parameters(request)
     return answer(answers.devices(Desk.of(request).known, time.monotonic()))
 
 
 async def device(request: Request) -> Response:
-    """Serve one device as JSON. Raises Fault for a malformed or unknown id."""
+    """Serve one device as JSON (`answers.Device`). Raises Fault for a malformed or unknown id."""
     known_parameters(request)
     desk, name = Desk.of(request), _named(request)
     return answer(answers.device(desk.known.row(name, time.monotonic()), desk.story(name)))
 
 
 async def calibrations(request: Request) -> Response:
-    """Serve a device's latest calibrations as JSON; with ?before=ID, those older than that calibration.
+    """Serve a device's calibrations as JSON (`answers.Calibrations`), latest first.
 
-    At most ?limit= calibrations. Raises Fault for an unknown device or calibration.
+    With ?before=ID, only those older than the calibration ID. ?limit=N bounds their number. Raises Fault for an unknown
+    device or calibration.
     """
     asked = known_parameters(request, "before", "limit")
     desk, name = Desk.of(request), _named(request)
@@ -118,14 +119,15 @@ def _checked(request: Request) -> str:
 
 
 async def standing(request: Request) -> Response:
-    """Serve the ward's standing alerts (raised and not yet cleared) as JSON."""
+    """Serve the ward's standing alerts (raised and not yet cleared) as JSON (`answers.Standings`)."""
     known_parameters(request)
     return answer(answers.alerts(Desk.of(request).known, time.monotonic()))
 
 
 async def command(request: Request) -> Response:
-    """Send a command to the estimator, and answer with its reply as JSON; the last part of the path is the command.
+    """Send a command to the estimator, and answer with its reply as JSON (`answers.Reply`).
 
+    The last part of the path is the command; the body is `answers.Placing` for `place`, else `answers.Words`.
     Raises Fault: 401 or 403 without the right to command, 409 if the estimator refuses, 503 if it does not answer.
     """
     desk, verb = Desk.of(request), request.scope["path"].rpartition("/")[2]

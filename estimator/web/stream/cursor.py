@@ -65,7 +65,7 @@ class Cursor:
     """Cursor of one reader: reads the batches of a buffer whole, or reduced to `hz` mean values a second.
 
     kept: the buffer. after: position from which to resume, by device; other devices begin with the first sample in the
-    buffer. None: all devices begin with the next sample that arrives.
+    buffer. None: all devices begin with the first sample that arrives from now on.
     `places`: by device, the position from which a later cursor can resume.
     """
 
@@ -93,7 +93,7 @@ class Cursor:
         return self._position < self._kept.end
 
     def read(self, most: int) -> list[CorrectedBatch | Missed]:
-        """Return the next batches and reports of missed samples; may be empty.
+        """Return the batches that follow this cursor's position, with reports of missed samples; may be empty.
 
         most: largest number of batches to take from the buffer.
         """

@@ -20,7 +20,7 @@ class Samples(Struct, frozen=True, tag="samples", tag_field="type"):
     with it.
     `rate_rad_s`, `rate_std_rad_s` (n, 3): corrected rates in the sensor frame and their standard deviations, rad/s.
     `bias_rad_s`, `bias_std_rad_s` (3): reading at zero rate and its standard deviation, rad/s.
-    `flags` (n): see docs/wire.md. `after`: value of the query parameter `after` that resumes behind these samples.
+    `flags` (n): see docs/wire.md. `after`: value of the query parameter `after` that resumes after these samples.
     """
 
     device: str

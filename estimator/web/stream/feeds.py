@@ -91,7 +91,7 @@ class Reader:
     async def read(
         self, make: Callable[[CorrectedBatch | Missed], T], most: int = AT_ONCE, wait_s: float = inf
     ) -> list[T]:
-        """Wait for the next samples and return make(one) of each batch or report of missed samples.
+        """Wait for samples after the reader's positions; return make(one) of each batch or report of missed samples.
 
         most: approximate largest number of batches to read. Empty if nothing arrives within `wait_s` seconds.
         """

@@ -28,7 +28,7 @@ class Asked:
     """Checked parameters of a request for the stream.
 
     devices: ids; empty means all. after: positions to resume from, by device. If it is empty, reading begins with the
-    first kept sample; if None, with the next sample that arrives.
+    first kept sample; if None, with the first sample that arrives from now on.
     hz: mean values a second; None for every sample. protobuf: whether samples are sent as protobuf. wait_s: longest
     wait for samples, s.
     """

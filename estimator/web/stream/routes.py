@@ -1,4 +1,4 @@
-"""Routes of the stream, at one path: a WebSocket, and a long poll that waits for the next samples."""
+"""Routes of the stream of corrected rates, at one path: a WebSocket, and a long poll that waits for new samples."""
 
 import asyncio
 import contextlib
@@ -33,9 +33,10 @@ def routes() -> list[BaseRoute]:
 
 
 async def poll(request: Request) -> Response:
-    """Answer with the next samples as JSON, after at most ?wait_s= seconds; possibly without samples.
+    """Answer a long poll with corrected rates of the requested devices as JSON (`documents.Answer`).
 
-    Raises Fault for an invalid parameter, too many readers, or no router.
+    Waits at most ?wait_s= seconds for samples after the positions ?after=; may answer without samples. docs/stream.md
+    describes parameters and answer. Raises Fault for an invalid parameter, too many readers, or no router.
     """
     asked = _asked(request, "wait_s")
     with _reader(request, asked) as reader:
@@ -46,9 +47,10 @@ async def poll(request: Request) -> Response:
 
 
 async def stream(socket: WebSocket) -> None:
-    """Send corrected samples by WebSocket until the program disconnects.
+    """Send corrected rates of the requested devices by WebSocket until the program disconnects.
 
-    A refused connection is closed with code 4000 + HTTP status, and the reason as text.
+    docs/stream.md describes parameters and messages, which `documents.message` encodes. A refused connection is closed
+    with code 4000 + HTTP status, and the reason as text.
     """
     await socket.accept()
     try:
