@@ -36,29 +36,29 @@ class Event(StrEnum):
 
 CAUSES: dict[Event, str] = {
     Event.BOOTED: "the first sample of another boot arrived",
-    Event.WARM: "`warming_s` have passed",
-    Event.RESTED: "the device lay still for 2 s (people are asked for 3)",
+    Event.WARM: "the device has been on for `warming_s` seconds",
+    Event.RESTED: "the device lay still for 2 s (the instructions ask for 3 s)",
     Event.TURNED: "a full turn about an axis was accepted",
-    Event.CALIBRATED: "the turns fit together",
-    Event.NOT_CALIBRATED: "the turns contradict each other: some have to be repeated",
+    Event.CALIBRATED: "the three turns agree with each other",
+    Event.NOT_CALIBRATED: "the turns contradict each other: some turns must be repeated",
     Event.RESTORED: (
-        "the estimator was restarted, the device was not: calibration and filter continue; "
-        "or the device calibrated itself"
+        "the estimator was restarted but the device was not, so calibration and filter continue; or the device "
+        "reported a calibration of its own"
     ),
     Event.CHANGED: (
-        "model, firmware or range changed within the boot, or the rate of a device without time: "
-        "the calibration is void"
+        "model, firmware or full-scale range changed within the boot, or the output data rate of a device without a "
+        "clock; the calibration becomes invalid"
     ),
-    Event.RECALIBRATE: "somebody asked for new turns; the old calibration stays in force",
-    Event.CANCEL_TO_TRACKING: "somebody cancelled; the old calibration stays in force",
-    Event.CANCEL_TO_START: "somebody cancelled; there is no calibration of this boot",
-    Event.DOUBTED: "evidence contradicts the bias, or the last evidence is too old",
+    Event.RECALIBRATE: "a person or program requested new turns; the old calibration stays in force",
+    Event.CANCEL_TO_TRACKING: "the request for new turns was cancelled; the old calibration stays in force",
+    Event.CANCEL_TO_START: "the request for new turns was cancelled; this boot has no calibration",
+    Event.DOUBTED: "measurements contradict the tracked bias, or the last measurement of the bias is too old",
     Event.CONFIRMED: "a rest agrees with the bias on every axis again",
     Event.SILENT: "no samples for `silence_s`, or the bridge reports the device as gone",
-    Event.UNREACHABLE: "the estimator has no router, so the state is unknown",
+    Event.UNREACHABLE: "the estimator has no connection to a router, so the state is unknown",
     Event.OUTDATED: (
-        "the bridge hears the device, but all samples are older than accepted ones: "
-        "a clock was set back, or a recording is played"
+        "all new samples are older than samples already accepted: the clock of the bridge's host was set back, or a "
+        "recording is played"
     ),
     Event.HEARD: "samples of the same boot arrived",
 }

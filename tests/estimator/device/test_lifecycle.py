@@ -51,7 +51,7 @@ def leads(event: Event) -> str:
     for state in State:
         to = TABLE.get((state, event))
         if to is not None:
-            ways.setdefault("where it was" if isinstance(to, type) else word(to), []).append(word(state))
+            ways.setdefault("the earlier state" if isinstance(to, type) else word(to), []).append(word(state))
     everywhere = [word(state) for state in State]
     return "; ".join(f"{'any' if came == everywhere else ', '.join(came)} → {to}" for to, came in ways.items())
 
