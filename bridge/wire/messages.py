@@ -254,7 +254,7 @@ class Status:
     receipts: tuple[Receipt, ...] = ()  # of the bias filter since the status before, oldest first
 
 
-class Holding(NamedTuple):  # a NamedTuple for speed: hundreds of them, five times a second
+class Holding(NamedTuple):  # a NamedTuple for speed: hundreds of them, four times a second
     """Device that an estimator owns: it alone processes the device's samples.
 
     epoch: number of the period of ownership; a later period has a higher number. boot: 64-bit boot number.
