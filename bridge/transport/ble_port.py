@@ -194,7 +194,7 @@ def reach() -> str:
 
     The text says that the device is searched for only when opened, or which packages of the extra `ble` are missing.
     """
-    return "searched for only when opened" if ble_radio.available() else ble_radio.NEEDS
+    return "not checked before the port is opened" if ble_radio.available() else ble_radio.NEEDS
 
 
 def _uuid(text: str) -> str:

@@ -84,7 +84,7 @@ def test_a_second_bridge_of_one_name_is_refused_and_another_told_of(monkeypatch:
 
         return others, startup.claim_id(MemoryBus(broker), "w", "bridge", own, another, lambda: told.wait(60))
 
-    with pytest.raises(BusError, match="another bridge b1 already serves ward w: stop it, or give this one another id"):
+    with pytest.raises(BusError, match="another bridge b1 already serves ward w: stop that bridge, or"):
         claim("b1")
     others, claimed = claim("b3")
     claimed.close()
