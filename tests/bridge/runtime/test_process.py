@@ -35,7 +35,7 @@ def test_a_router_is_waited_for_and_its_absence_said_once(caplog: pytest.LogCapt
     assert bus.connected
     assert coming.tries == 3
     assert time.monotonic() - began < 60.0
-    assert [record.message for record in caplog.records] == ["no router at here; waiting for it"]
+    assert [record.message for record in caplog.records] == ["no router at here; trying again until a router answers"]
 
 
 def test_who_is_not_patient_hears_at_once() -> None:
