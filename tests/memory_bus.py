@@ -175,7 +175,7 @@ class _Publisher(_Declared):
         message = Message(self.key, bytes(payload))
         with self.lock:
             if self not in self._kind:
-                raise BusError(f"the publisher of {self.key!r} is closed")
+                raise BusError(f"the publisher of {self.key!r} is closed: open a new publisher")
             self._sequence += 1
             self.cached.append((self._sequence, message))
             for subscription in self.bus.broker.subscriptions:

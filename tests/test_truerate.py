@@ -34,7 +34,7 @@ def test_arrays_are_calibrated_and_corrected(session: Session) -> None:
     recording = truerate.Recording.from_arrays(session.gyro, session.accel, session.rate_hz)
     result, _ = truerate.calibrate(recording)
     assert result.verdict.name == "ACCEPTED"
-    assert truerate.explain(result.reason).startswith("Three turns closed to ")
+    assert truerate.explain(result.reason).startswith("The closure error of the three turns is ")
     np.testing.assert_allclose(result.scale, np.diag(session.truth.matrix), rtol=1e-3)
     np.testing.assert_allclose(result.bias, session.bias[-1], atol=np.radians(0.1))
     corrected = truerate.correct(recording, result)

@@ -90,7 +90,7 @@ class Bucket:
         try:
             from obstore import exceptions, store  # noqa: PLC0415 - optional
         except ImportError:
-            raise ConfigError("[s3] needs obstore: pip install 'truerate[s3]'") from None
+            raise ConfigError("[s3] needs the package obstore: pip install 'truerate[s3]'") from None
         self._faults = exceptions.BaseError, OSError, ValueError
         self._store = store.S3Store.from_url(
             f"s3://{settings.bucket}/{ward}",

@@ -148,7 +148,10 @@ class GapRepair:
                     self._ask_for_last()
             except zenoh.ZError as error:
                 if not self._session.is_closed():
-                    _log.error("repairing a gap failed: %s; the next gap is tried", said(error))
+                    _log.error(
+                        "missed messages could not be fetched again: %s; the program goes on with later gaps",
+                        said(error),
+                    )
 
     def _ask(self, place: str, what: str, then: Callable[[Found], None]) -> None:
         self._questions.append(_Question(self.past(place, what), then, time.monotonic() + _OVER_S))
@@ -197,7 +200,7 @@ class GapRepair:
                 try:
                     self._ask(source.place, f"publisher={source.publisher};from={start}", then)
                 except zenoh.ZError as error:  # published under a key that cannot be queried
-                    _log.debug("the query to %s failed: %s", source.key, said(error))
+                    _log.debug("the query to cache %s failed: %s", source.key, said(error))
                     then({})
 
     def _ask_for_last(self) -> None:

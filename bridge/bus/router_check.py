@@ -131,7 +131,7 @@ def _differing(where: str, said: Any, ours: Any) -> Iterator[str]:
     elif _plain(said) != _plain(ours):
         has, expected = json.dumps(said), json.dumps(ours)
         if len(has + expected) < _SHORT:
-            yield f"{where[1:]} is {has}; `truerate pki router` writes {expected}"
+            yield f"{where[1:]} is {has}, but {expected} is expected: write the file again with `truerate pki router`"
         else:
             yield f"{where[1:]} is not what `truerate pki router` writes: write the file again"
 

@@ -79,6 +79,8 @@ def claim_id(
     while there.get(own, False):
         if time.monotonic() >= deadline:
             watch.close()
-            raise BusError(f"another {kind} {own} already serves ward {ward}: stop it, or give this one another id")
+            raise BusError(
+                f"another {kind} {own} already serves ward {ward}: stop that {kind}, or give this {kind} another id"
+            )
         time.sleep(0.05)
     return watch

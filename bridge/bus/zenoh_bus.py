@@ -171,7 +171,7 @@ class ZenohBus:
                     on_change(key, now)
                 except Exception:  # noqa: BLE001 - a handler must not stop the bus
                     _log.exception(
-                        "the handler for programs that come or go under %s failed; it is called again at the next change",
+                        "the handler for programs that start or end under %s failed; it runs again at the next change",
                         pattern,
                     )
 

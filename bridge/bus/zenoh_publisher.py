@@ -27,7 +27,7 @@ class Publisher(Declared):
         """
         with self._lock:  # send in the order of the numbers
             if self._closed:
-                raise BusError(f"the publisher of {self._key!r} is closed")
+                raise BusError(f"the publisher of {self._key!r} is closed: open a new publisher")
             try:
                 if self.cache is None:
                     self._publisher.put(payload, attachment=attachment or None)

@@ -55,7 +55,7 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
         action="store_true",
         help="renew every certificate that expires within 14 days, or, with a lifetime under 6 weeks, in its last third",
     )
-    verb.add_argument("--days", type=int, help="lifetime in days from now (default: as before)")
+    verb.add_argument("--days", type=int, help="lifetime in days from now (default: the previous lifetime)")
     verb = _verb(inner, "revoke", _revoke, "revoke a certificate, for example after its key was stolen", 1)
     verb.add_argument("--reason", default="", help="reason, kept in the list of revoked names")
     _verb(inner, "revoke-list", _revoke_list, "list the revoked names, with time and reason")
@@ -76,12 +76,15 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
         verb, "--member", "ROLE:NAME[@WARD]", "member to admit, in this ward (default: all members, in all wards)"
     )
     verb.add_argument(
-        "--at", type=Path, metavar="DIR", help="folder of the files on the router's machine (default: --folder)"
+        "--at",
+        type=Path,
+        metavar="DIR",
+        help="folder of the certificate files on the router's machine (default: --folder)",
     )
     verb.add_argument(
         "--ca",
         metavar="FILE",
-        help="authority's file on the router's machine, if your own authority signed the certificates",
+        help="path of your own authority's PEM file on the router's machine, if your own authority signed the certificates",
     )
 
 
@@ -120,7 +123,7 @@ def _members(given: argparse.Namespace) -> list[Member]:
     for member in members:
         if member.generation > 1:
             raise ValueError(
-                f"{member.common_name}: write {member.label}, without the number of its generation, which truerate adds"
+                f"{member.common_name}: write {member.label} without a generation number; truerate adds the number"
             )
     return members
 
@@ -144,7 +147,7 @@ def _issue(given: argparse.Namespace) -> int:
         _made(folder.issue(member, utc_now(), given.days, hosts))
     if again := [member for member in map(folder.current, members) if member.generation > 1]:
         names = ", ".join(member.common_name for member in again)
-        print(f"{names}: the name is new. Enter the new files in [bus] of the program's ward file.")
+        print(f"{names}: the name is new. Enter the new certificate and key in [bus] of the program's ward file.")
     print("Routers do not know the new names yet: write the routers' files again with `truerate pki router`.")
     return 0
 
@@ -154,7 +157,7 @@ def _renew(given: argparse.Namespace) -> int:
     if given.soon:
         members += [Member(member.role, member.name) for member, lasts in folder.members() if now >= lasts.soon]
     if not members and not given.soon:
-        raise ValueError("no certificate named: name some, such as bridge:bridge-1, or use --soon")
+        raise ValueError("no certificate is named: name one or more, such as bridge:bridge-1, or use --soon")
     if not members:
         print("No certificate expires soon: nothing to renew.")
     wrong = list[str]()

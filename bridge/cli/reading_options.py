@@ -29,7 +29,8 @@ def add_reading(verb: argparse.ArgumentParser, *, device: bool = True) -> None:
         type=named,
         default=(),
         metavar="NAME,…",
-        help="columns of gyro x,y,z (then accelerometer x,y,z) by name or number; or a tool of configs/columns, or a .toml file",
+        help="columns of gyro x,y,z (then accelerometer x,y,z) by name or number; or a tool named in "
+        "configs/columns, or a .toml file",
     )
     told.add_argument("--accel-file", metavar="FILE", help="second file, with the accelerometer's samples")
     if device:
@@ -37,7 +38,10 @@ def add_reading(verb: argparse.ArgumentParser, *, device: bool = True) -> None:
             "--device", metavar="ID", help="device, topic, stream or sensor to read, if the file holds several"
         )
     told.add_argument(
-        "--boot", type=int, metavar="N", help="boot to read, from 1, if the device was switched on several times"
+        "--boot",
+        type=int,
+        metavar="N",
+        help="number of the boot to read (the first is 1), if the device was switched on several times",
     )
 
 

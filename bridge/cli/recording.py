@@ -170,7 +170,7 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
         action="append",
         default=[],
         metavar="DEVICE=BODY",
-        help="for .sto: body of the model on which a device is worn; repeatable",
+        help="for .sto: body of the OpenSim model on which DEVICE is worn; repeatable",
     )
     verb.add_argument(
         "--skip", type=float, default=0.0, metavar="S", help="for .sto: seconds to leave out at the beginning"
@@ -307,7 +307,7 @@ def _convert(given: argparse.Namespace) -> None:
         return
     if len(given.files) > 1 or given.segment or given.skip:
         raise ConfigError(
-            f"{given.out}: only .sto takes several recordings, --segment or --skip: give one recording without these options"
+            f"{given.out}: several recordings, --segment and --skip apply only to .sto: give one recording without these options"
         )
     given.file = given.files[0]
     if given.per_sample and not _per_sample(given):
@@ -347,7 +347,9 @@ def _per_sample(given: argparse.Namespace) -> bool:
     from bridge.ros import messages  # noqa: PLC0415
 
     if given.out.suffix.lower() != ".mcap":
-        raise ConfigError(f"{given.out}: only a .mcap holds --per-sample messages: use that ending, or omit the option")
+        raise ConfigError(
+            f"{given.out}: --per-sample messages need a .mcap file: use the ending .mcap, or omit --per-sample"
+        )
     if not messages.available():
         raise ConfigError(f"--per-sample {messages.NEEDS}")
     if given.file.suffix.lower() != ".mcap" or reading_of(given) != AS_SAID:

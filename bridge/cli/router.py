@@ -36,7 +36,7 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     verb.add_argument(
         "--config",
         type=Path,
-        help="the ward file (TOML) with the endpoints, or a zenohd file (.json5) of `truerate pki router`",
+        help="the ward file (TOML) with the endpoints, or a zenohd file (.json5) written by `truerate pki router`",
     )
 
 
@@ -74,7 +74,9 @@ def _looked_through(path: Path) -> RouterFile:
 def _listening_router(args: argparse.Namespace, *, written: bool) -> Router:
     if written:
         if args.listen:
-            raise ValueError(f"--listen is already set by {args.config}: change the endpoints in that file")
+            raise ValueError(
+                f"{args.config} already sets the endpoints: omit --listen, or change the endpoints in that file"
+            )
         return Router.of_file(args.config)
     root = load(args.config, Root) if args.config else None
     if root is not None and root.bus.certified and not args.listen:

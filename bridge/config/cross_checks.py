@@ -66,7 +66,7 @@ def unused(wards: Mapping[Path, Root]) -> Iterator[str]:
         models: Mapping[str, str] = root.estimator.models if root.estimator is not None and there else {}
         for device in sorted(models.keys() - there):
             close = get_close_matches(device, there, n=1)
-            hint = f"; did you mean {close[0]!r}?" if close else ""
+            hint = f"; did you mean {close[0]!r}?" if close else ": correct the id"
             yield f"{path}: [estimator]: models: {device!r} is neither enrolled nor a device of these files{hint}"
 
 
@@ -86,7 +86,11 @@ def _of_ward(root: Root, now: datetime) -> Iterator[str]:
         if (member := _member(identity)) is not None:
             roles.add(member.role)
             if member.role in tables and tables[member.role] is None and not root.bus.pki:
-                yield f"[bus]: the certificate is for {member.label}, but this file has no table [{member.role.value}]"
+                table = f"[{member.role.value}]"
+                yield (
+                    f"[bus]: the certificate is for {member.label}, but this file has no table {table}: add the table, or "
+                    "give another certificate"
+                )
     # With one certificate, the file may have further tables beside that of the certificate's role.
     for role, table in tables.items():
         if table is not None and role in roles:

@@ -46,6 +46,7 @@ def places(entries: Iterable[str]) -> dict[str, str]:
             raise ValueError(refusal.detail) from None
         if found.setdefault(device, bridge) != bridge:
             raise ValueError(
-                f"{device!r} is enrolled twice, for {found[device] or 'any bridge'} and for {bridge or 'any bridge'}: remove one"
+                f"{device!r} is enrolled twice, for {found[device] or 'any bridge'} and for {bridge or 'any bridge'}: remove "
+                "one of the two entries"
             )
     return found

@@ -27,9 +27,9 @@ def faults(router: RouterFile) -> Iterator[str]:
         return  # the site has its own authority: no issuer per member
     known = router.members | own
     if more := sorted(there - known):
-        yield f"{router.identity.ca} accepts {', '.join(more)}, which the rules lack (perhaps revoked): {_ANEW}"
+        yield f"{router.identity.ca} accepts {', '.join(more)}, but has no access rules for them (perhaps revoked): {_ANEW}"
     if missing := sorted(known - there):
-        yield f"{router.identity.ca} refuses {', '.join(missing)}, which the rules name: {_ANEW}"
+        yield f"{router.identity.ca} refuses {', '.join(missing)}, although access rules name them: {_ANEW}"
 
 
 def reaches(endpoint: str, router: RouterFile) -> bool:

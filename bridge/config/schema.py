@@ -101,9 +101,9 @@ class Bus(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
     #: zenoh endpoints of the routers, the nearest first: `tcp/127.0.0.1:7447`, `tls/ward-3.example:7447`
     connect: tuple[str, ...] = (LOCAL,)
-    #: for `tls/...`: folder with `ca.pem` and this machine's certificates; each program uses that of its role
+    #: for `tls/...`: folder with `ca.pem` and this machine's certificates; each program uses the certificate of its role
     pki: str = ""
-    #: for `tls/...`, instead of `pki`: PEM file of the authority that signed all certificates
+    #: for `tls/...`, in place of `pki`: PEM file of the authority that signed all certificates
     ca: str = ""
     #: PEM file of this program's certificate
     certificate: str = ""
@@ -115,9 +115,11 @@ class Bus(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
         files = {"ca": self.ca, "certificate": self.certificate, "key": self.key}
         missing = [name for name, path in files.items() if not path]
         if self.pki and len(missing) < len(files):
-            raise ValueError("pki and ca, certificate, key: give the folder, or the three files, not both")
+            raise ValueError(
+                "pki is given together with ca, certificate or key: give either the folder pki or the three files"
+            )
         if 0 < len(missing) < len(files):
-            raise ValueError(f"{', '.join(missing)} missing: give all of ca, certificate and key, or none of them")
+            raise ValueError(f"{', '.join(missing)} missing: give ca, certificate and key together, or none of them")
         for endpoint in self.connect:
             if secured(endpoint) and not self.certified:
                 raise ValueError(
@@ -282,7 +284,7 @@ class Bridge(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
             place = port if "://" in port else os.path.realpath(port)  # a serial port has several names
             if place in ports:
                 raise ValueError(
-                    f"devices {ports[place]!r} and {device.id!r} have the same port {port!r}: give each its own"
+                    f"devices {ports[place]!r} and {device.id!r} have the same port {port!r}: give each device its own port"
                 )
             ports[place] = device.id
 

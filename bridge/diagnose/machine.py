@@ -82,16 +82,16 @@ def _room(what: str, folder: Path, free: Callable[[Path], int]) -> Finding:
     # Path.exists raises an error where access is denied.
     there = next(path for path in (folder, *folder.parents) if os.path.exists(path))  # noqa: PTH110
     if not there.is_dir():
-        return trouble(check, f"{there} is a file, not a folder", "choose another place in the ward file")
+        return trouble(check, f"{there} is a file, not a folder", "choose another folder in the ward file")
     try:
         TemporaryFile(dir=there).close()  # tells more than the permissions do, and leaves nothing
     except OSError as error:
-        do = f"sudo install -d -o $USER {folder}, or choose another place in the ward file"
+        do = f"sudo install -d -o $USER {folder}, or choose another folder in the ward file"
         return trouble(check, f"{there} cannot be written to: {error.strerror}", do)
     bytes_free = free(there)
     said = f"{there}: {bytes_free / 1e9:.1f} GB free"
     if bytes_free < _NONE_BYTES:
-        return trouble(check, said, "make room, or choose another place")
+        return trouble(check, said, "free disk space, or choose another folder")
     if bytes_free < _LITTLE_BYTES:
-        return warning(check, said, "make room soon, or choose another place")
+        return warning(check, said, "free disk space soon, or choose another folder")
     return ok(check, said)

@@ -91,7 +91,7 @@ def _advice(made: Sequence[Guess]) -> str:
     """Other drivers that understand nearly as much as the best one; empty if there are none."""
     best, *others = made
     alike = [str(guess.candidate) for guess in others if guess.share > best.share - _ALIKE]
-    return f"drivers that match as well: {', '.join(alike)}; choose by the device's model" if alike else ""
+    return f"other drivers that match: {', '.join(alike)}; choose by the device's model" if alike else ""
 
 
 def _puzzled(heard: dict[int, list[Chunk]], *, is_serial: bool) -> str:

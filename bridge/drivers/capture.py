@@ -35,7 +35,9 @@ def load_capture(path: Path, driver: str, profile: str, reading: Reading) -> Rec
     """
     check_file(path)
     if path.stat().st_size > MAX_BYTES:
-        raise RecordingError(f"{path}: the file has {path.stat().st_size} bytes; at most {MAX_BYTES} are allowed")
+        raise RecordingError(
+            f"{path}: the file has {path.stat().st_size} bytes; at most {MAX_BYTES} are allowed: split the file"
+        )
     data = path.read_bytes()
     if profile:
         known = load_profile(profile)

@@ -24,7 +24,7 @@ from bridge.wire.refusal import Tally
 if TYPE_CHECKING:
     import pylsl
 
-NEEDS: Final = "needs pip install 'truerate[lsl]'"
+NEEDS: Final = "needs another package: pip install 'truerate[lsl]'"
 #: seconds to look for a stream, and to wait for its metadata and its clock
 _LOOK_S, _ANSWER_S = 1.0, 3.0
 _TICK_S: Final = 1e-6
@@ -74,7 +74,7 @@ class LslOptions(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
                 )
         for label, labels in (("gyro", self.gyro), ("accel", self.accel)):
             if len(labels) not in (0, 3):
-                raise ValueError(f"{label} has {len(labels)} labels: give those of the x, y and z channels")
+                raise ValueError(f"{label} has {len(labels)} labels: give three, for the channels of x, y and z")
         for label, unit, known in (("gyro_unit", self.gyro_unit, GYRO), ("accel_unit", self.accel_unit, ACCEL)):
             if unit and unit_in(unit, known) is None:
                 raise ValueError(f"{label} is {unit!r}: use one of {', '.join(known)}")

@@ -17,7 +17,7 @@ from bridge.drivers.sample_assembly import DeviceDescription, SampleAssembler
 from bridge.reasons.codes import Code, Sentence
 from bridge.wire.refusal import Tally
 
-NEEDS: Final = "needs pip install 'truerate[mavlink]'"
+NEEDS: Final = "needs another package: pip install 'truerate[mavlink]'"
 BAD_FRAME, OTHER_SYSTEM, OTHER_MESSAGE, NOT_NEW = "frame_bad", "other_system", "other_message", "gyro_not_new"
 SEVERAL: Final = "several_systems"
 _RANKS: Final = ("RAW_IMU", "SCALED_IMU", "HIGHRES_IMU")  # from worst to best

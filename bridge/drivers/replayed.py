@@ -197,7 +197,7 @@ def devices(path: Path) -> list[str]:
     """Return the device ids in a ward's recording (.mcap). Raises RecordingError if it is unreadable or has no samples."""
     found = list(_recorded(path).stretches)
     if not found:
-        raise RecordingError(f"{path}: the recording has no samples")
+        raise RecordingError(f"{path}: the recording has no samples: give another recording")
     return found
 
 
@@ -208,7 +208,9 @@ def _recorded(path: Path) -> Recorded:
     except OSError as error:
         raise RecordingError(f"{path}: {os_errors.why(error)}") from None
     if state.st_size > MAX_BYTES:
-        raise RecordingError(f"{path}: the file has {state.st_size} bytes; at most {MAX_BYTES} are allowed")
+        raise RecordingError(
+            f"{path}: the file has {state.st_size} bytes; at most {MAX_BYTES} are allowed: split the file"
+        )
     with _reading:
         return _read(path, state.st_mtime_ns)
 

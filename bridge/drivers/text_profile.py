@@ -101,7 +101,9 @@ class TextDecoder(Decoder):
         if not text:
             return []
         if line.too_long:
-            self._refuse(Refused(LINE_BEGUN if line.begun else LINE_TOO_LONG, "the line has no end"), text)
+            self._refuse(
+                Refused(LINE_BEGUN if line.begun else LINE_TOO_LONG, "the line is incomplete or too long"), text
+            )
         elif self._is_banner(text):
             self._booting = True
             self._assembly.rebooted()

@@ -25,7 +25,7 @@ def frame(payload: bytes) -> bytes:
     Raises ValueError for other lengths.
     """
     if not 1 <= len(payload) <= MAX_PAYLOAD:
-        raise ValueError(f"a payload has 1 to {MAX_PAYLOAD} bytes, not {len(payload)}")
+        raise ValueError(f"the payload has {len(payload)} bytes: give 1 to {MAX_PAYLOAD}")
     crc = zlib.crc32(payload).to_bytes(_CRC_BYTES, "little")
     return bytes(cobs.encode(payload + crc)) + b"\0"
 

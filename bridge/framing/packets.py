@@ -104,7 +104,7 @@ def encode_data(data: Data) -> bytes:
     """Encode the payload of a DATA packet (samples). Raises ValueError unless there are 1 to MAX_SAMPLES samples."""
     n = len(data.ticks)
     if not 1 <= n <= MAX_SAMPLES:
-        raise ValueError(f"a DATA packet has 1 to {MAX_SAMPLES} samples, not {n}")
+        raise ValueError(f"the DATA packet has {n} samples: give 1 to {MAX_SAMPLES}")
     samples = np.empty(n, _SAMPLE)
     for name in ("ticks", "gyro", "accel", "temperature_c"):
         samples[name] = getattr(data, name)

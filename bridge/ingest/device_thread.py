@@ -107,7 +107,7 @@ class DeviceThread:
             self._driver.close()  # ends a pending read
             self._thread.join(timeout_s)
             if self._thread.is_alive():
-                _log.error("%s: the driver does not stop; its thread is left running", self.device)
+                _log.error("%s: the driver does not stop; its thread keeps running", self.device)
         self._complaint = reason or self._complaint
 
     def _run(self) -> None:

@@ -40,7 +40,7 @@ class BridgeHealth:
         The bridge is not alive if it has published nothing for more than 5 s.
         """
         age = time.monotonic() - self._turned_s()
-        return [f"nothing published for {age:.0f} s"] if age > STUCK_S else []
+        return [f"no message published for {age:.0f} s"] if age > STUCK_S else []
 
     def unready(self) -> list[str]:
         """Return why the bridge cannot do its work now, as texts; [] if it can.

@@ -126,7 +126,9 @@ def _private(pem: bytes) -> ec.EllipticCurvePrivateKey:
     try:
         key = serialization.load_pem_private_key(pem, None)
     except TypeError:
-        raise ValueError("the private key has a password: remove it with openssl pkey -in FILE -out NEW") from None
+        raise ValueError(
+            "the private key has a password: remove the password with openssl pkey -in FILE -out NEW"
+        ) from None
     if not isinstance(key, ec.EllipticCurvePrivateKey):
         wrong = f"truerate does not make keys of type {type(key).__name__}"
         raise ValueError(f"{wrong}: renew the certificate with the tool that made it")  # noqa: TRY004

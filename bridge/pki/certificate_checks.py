@@ -168,7 +168,7 @@ def _role_faults(own: x509.Certificate, roles: tuple[Role, ...]) -> Iterator[str
     try:
         member = Member.parse(common_name(own))
     except ValueError as error:
-        yield f"its common name names no role: {error}"
+        yield f"its common name contains no role: {error}"
     else:
         if member.role not in roles:
             wanted = " or ".join(role.value for role in roles)
@@ -183,7 +183,9 @@ def _role_faults(own: x509.Certificate, roles: tuple[Role, ...]) -> Iterator[str
     except x509.ExtensionNotFound:
         return  # no restriction
     yield from (
-        f"its extended key usage does not allow it to {what}" for what, usage in needed.items() if usage not in usages
+        f"its extended key usage does not allow it to {what}: issue a new certificate (truerate pki issue)"
+        for what, usage in needed.items()
+        if usage not in usages
     )
 
 

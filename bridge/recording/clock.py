@@ -68,9 +68,9 @@ def mend(time: Floats, tick_s: float, notes: list[str]) -> Mended:
     lengths = np.diff([*starts, len(time)])
     if len(starts) > 1 and (len(starts) > _MOST_PARTS or int(lengths.min()) < _LEAST_PARTS_ROWS):
         raise ClockFault(
-            f"time goes back {count(len(back), 'time')}, first from {time[back[0] - 1]:.10g} to {time[back[0]]:.10g} s, which "
-            "is neither a counter wrap, nor swapped rows, nor a reboot: export the file again, or choose another column with "
-            "--time-column NAME"
+            f"{count(len(back), 'time')} in the column below the previous time, first from {time[back[0] - 1]:.10g} to "
+            f"{time[back[0]]:.10g} s. No counter wrap, swapped rows or reboot explains this. Export the file again, or choose "
+            "another column with --time-column NAME"
         )
     spaced = [_spaced(part) for part in np.split(time, starts[1:])]
     said = [note for _, note in spaced if note]
@@ -249,7 +249,7 @@ def _on_a_line(time: Floats) -> Floats:
     off = since[least] - (start + slope * rows[least])
     if np.abs(off).max() > _OFF_LINE * wait:
         raise ClockFault(
-            f"the times are arrival times, and samples are missing: even steps miss the earliest arrivals by up to "
-            f"{np.abs(off).max():.2g} s, so a scale factor would be wrong. Record the device's own time or counter"
+            f"the times are arrival times, and samples are missing: evenly spaced times would be wrong by up to "
+            f"{np.abs(off).max():.2g} s, and so would the scale factors. Record the device's own time or counter"
         )
     return np.asarray(time[0] + start + slope * rows)

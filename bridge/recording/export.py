@@ -81,7 +81,7 @@ def make_folder(folder: Path) -> None:
             f"{folder}: the folder {folder.parent} does not exist; make it: mkdir -p {folder.parent}"
         ) from None
     except OSError as error:
-        raise RecordingError(f"{folder}: cannot be made: {error.strerror}") from None
+        raise RecordingError(f"{folder}: the folder cannot be made: {error.strerror}; give another folder") from None
 
 
 def events(recorded: Recorded) -> list[Event]:

@@ -71,7 +71,7 @@ class Folder:
         if not path.exists():
             raise RecordingError(f"{path}: the folder does not exist; make it: mkdir -p {path}")
         if not path.is_dir():
-            raise RecordingError(f"{path}: a file, but a folder is needed: name another with --out")
+            raise RecordingError(f"{path}: this is a file, but a folder is needed: name a folder with --out")
         if not os.access(path, os.W_OK | os.X_OK):
             raise RecordingError(
                 f"{path}: no permission to write: change it (chmod u+w {path}), or name another folder with --out"

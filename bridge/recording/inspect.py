@@ -57,7 +57,7 @@ def sentences(found: Mapping[str, Any]) -> list[str]:
         f"samples:     {found['samples']} in {found['duration_s']:.3f} s",
         f"rate:        {found['rate_hz']:.6g} Hz; the median step is {1 / found['measured_hz']:.6g} s",
         f"gaps:        {len(gaps)}, {lost} samples missing{at}",
-        f"quietest s:  mean {mean} °/s; standard deviation {noise} °/s",
+        f"quietest second: mean {mean} °/s; standard deviation {noise} °/s",
         f"largest:     {most} °/s",
         "gravity:     no accelerometer" if gravity is None else f"gravity:     {gravity:.4g} m/s², median length",
     ]

@@ -68,7 +68,7 @@ def convert(
     for device in (*devices, *segments):
         if device not in names:
             there = ", ".join(names) or "none"
-            raise RecordingError(f"{files[0]}: no orientation of device {device!r}; there are: {there}")
+            raise RecordingError(f"{files[0]}: no orientation of device {device!r}; devices with orientation: {there}")
     for name in names.values():
         if list(names.values()).count(name) > 1:
             raise RecordingError(f"two devices are on {name!r}: name another body with --segment DEVICE=BODY")
@@ -92,7 +92,7 @@ def _tracks(files: Sequence[Path], boot: int | None) -> list[Track]:
     tracks += [_of_npz(file) for file in files if file not in recorded]
     for one, other in pairwise(sorted(track.device for track in tracks)):
         if one == other:
-            raise RecordingError(f"device {one!r} is in two of the files: give one of them")
+            raise RecordingError(f"device {one!r} is in two of the files: leave out one of these files")
     return tracks
 
 
@@ -104,7 +104,7 @@ def _of_ward(files: list[Path], boot: int | None) -> list[Track]:
         oriented = [one for one in boots if "quat_wxyz" in one.computed and boot in (None, one.number)]
         if len(oriented) > 1:
             said = ", ".join(str(one.number) for one in oriented)
-            raise RecordingError(f"{files[0]}: {len(oriented)} boots of {device}; choose one with --boot: {said}")
+            raise RecordingError(f"{files[0]}: {device} has {len(oriented)} boots; choose one with --boot: {said}")
         found += [_track(device, _body(one), one.time_ns, one.computed) for one in oriented]
     if not found:
         raise RecordingError(
@@ -122,7 +122,9 @@ def _body(of: Stretch) -> str:
 def _of_npz(path: Path) -> Track:
     check_file(path)
     if path.suffix.lower() != ".npz":
-        raise RecordingError(f"{path}: an OpenSim file is made from .mcap and .npz recordings that have orientation")
+        raise RecordingError(
+            f"{path}: this file cannot become an OpenSim file: give a .mcap or .npz recording with orientation"
+        )
     try:
         with np.load(path, allow_pickle=False) as file:
             found = {name: file[name] for name in _WANTED if name in file.files}
@@ -136,7 +138,7 @@ def _of_npz(path: Path) -> Track:
     for name, of in (("quat_wxyz", 4), ("rate_rad_s", 3)):
         if name in found and (found[name].shape != (len(time_ns), of) or found[name].dtype.kind != "f"):
             raise RecordingError(
-                f"{path}: {name!r} has shape {found[name].shape}; ({len(time_ns)}, {of}) numbers are needed"
+                f"{path}: {name!r} has shape {found[name].shape}; numbers of shape ({len(time_ns)}, {of}) are needed"
             )
     device = str(found.get("device", ""))
     if not keys.ID.match(device):
@@ -153,7 +155,9 @@ def _track(device: str, body: str, time_ns: NDArray[np.int64], columns: Mapping[
         rows &= np.isfinite(rate).all(axis=1)
         rate = rate[rows].astype(np.float64)
     if rows.sum() < 2:
-        raise RecordingError(f"{device}: {count(int(rows.sum()), 'sample')} with orientation; at least 2 are needed")
+        raise RecordingError(
+            f"{device}: {count(int(rows.sum()), 'sample')} with orientation; at least 2 such samples are needed"
+        )
     return Track(device, body, time_ns[rows], quat_wxyz[rows].astype(np.float64), rate)
 
 
@@ -173,7 +177,7 @@ def _common_times(tracks: list[Track], skip_s: float) -> tuple[NDArray[np.int64]
         spans = ", ".join(f"{t.device} {t.time_ns[0] / 1e9:.3f} to {t.time_ns[-1] / 1e9:.3f} s" for t in tracks)
         raise RecordingError(
             f"the devices have no time in common after --skip {skip_s:g}: {spans}; give recordings of one session, with host"
-            " times as of `truerate record` or `truerate recording export --npz`"
+            " times, as written by `truerate record` or `truerate recording export --npz`"
         )
     return times[there], int((~there).sum())
 

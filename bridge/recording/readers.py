@@ -55,7 +55,7 @@ def load(
         )
     format_ = format_of(path)
     if format_.whole and (size := path.stat().st_size) > MAX_BYTES:
-        raise RecordingError(f"{path}: the file has {size} bytes; at most {MAX_BYTES} are allowed")
+        raise RecordingError(f"{path}: the file has {size} bytes; at most {MAX_BYTES} are allowed: split the file")
     if reading.device is not None and not format_.streams:
         raise RecordingError(f"{path}: the file holds one device: leave --device out")
     if format_ is WARD:

@@ -41,7 +41,7 @@ class Reading(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     accel_file: str | None = None
     #: device, topic, stream or sensor to read, where a recording holds several
     device: str | None = None
-    #: number of the boot to play, from 1, if the device was switched on several times
+    #: number of the boot to play (the first is 1), if the device was switched on several times
     boot: int | None = None
 
     def __post_init__(self) -> None:

@@ -85,7 +85,7 @@ def record(
             first = _first(subscription, settings.devices, stop, deadline)
             if first is None:
                 if stop.is_set():
-                    raise RecordingError("stopped before any device was heard: nothing is recorded")
+                    raise RecordingError("stopped before any device was heard: nothing was recorded")
                 raise RecordingError(_nobody(ward, endpoints, settings))
             recorder = WardRecorder(
                 folder,

@@ -201,7 +201,7 @@ class WardRecorder:
             return kind, kind.decode(message.key, message.payload)
         except Refusal as refusal:
             if self.account.refused.add(refusal.reason) == 1:
-                _log.warning("a message is not recorded: %s (later ones of this kind are only counted)", refusal)
+                _log.warning("a message is not recorded: %s (later ones of this kind are counted, not logged)", refusal)
             return None
 
     def _count(self, batch: SampleBatch | CorrectedBatch, now_s: float) -> None:
@@ -220,7 +220,7 @@ class WardRecorder:
         self.account.not_recorded += 1
         if self.account.refused.add("too_many_channels") == 1:
             _log.error(
-                "%s is not recorded: a file holds at most %d streams, %d per bridge (others are only counted)",
+                "%s is not recorded: a file holds at most %d streams, %d per bridge (other streams are counted, not logged)",
                 item.key,
                 MAX_CHANNELS,
                 MOST_OF_A_BRIDGE,
@@ -249,7 +249,9 @@ class WardRecorder:
             except OSError as error:
                 if one.path not in self._undeletable:
                     self._undeletable.add(one.path)
-                    _log.error("%s should be deleted because of %s, but cannot be: %s", one.path, why, why_of(error))
+                    _log.error(
+                        "%s must be deleted because of %s, but cannot be deleted: %s", one.path, why, why_of(error)
+                    )
                 continue
             self.account.expired += 1
             self.account.files = [path for path in self.account.files if path != one.path]

@@ -34,7 +34,9 @@ def sample_times(
         notes.append(f"{count(int(again.sum()), 'row')} left out: equal to an earlier row, including the time")
         keep_rows(columns, ~again)
     if len(columns["t_s"]) < 2:
-        raise RecordingError(f"{path}: {count(len(columns['t_s']), 'distinct row')}; at least 2 are needed")
+        raise RecordingError(
+            f"{path}: the file has {count(len(columns['t_s']), 'distinct row')}; at least 2 are needed"
+        )
     repairs = list[str]()
     try:
         mended = mend(columns["t_s"], tick_s, repairs)
@@ -63,7 +65,7 @@ def _assumed(path: Path, rate: float | None, reading: Reading, notes: list[str])
     """Return the rate of a file without sample times. Raises RecordingError."""
     if rate is None:
         raise RecordingError(
-            f"{path}: neither sample times nor 'rate_hz': give the rate with --rate-hz, or as rate_hz in a ward file"
+            f"{path}: the file has neither sample times nor 'rate_hz': give the rate with --rate-hz, or as rate_hz in a ward file"
         )
     if reading.rate_hz is not None:
         notes.append(

@@ -59,7 +59,7 @@ def recording_of(path: Path, table: Table, reading: Reading) -> Recording:
     time, parts = sample_times(path, columns, table.tick_s, rate, reading, notes)
     ends = [*parts[1:], len(time)]
     sizes = [end - start for start, end in zip(parts, ends, strict=True)]
-    at = choose_boot(path, sizes, reading.boot, "the device" if len(parts) == 1 else "the device, which rebooted")
+    at = choose_boot(path, sizes, reading.boot, "the device" if len(parts) == 1 else "the rebooted device")
     chosen = slice(parts[at], ends[at])
     time = time[chosen] - time[chosen][0]
     gyro = columns["gyro_rad_s"][chosen]
@@ -116,7 +116,7 @@ def _check_shapes(path: Path, columns: dict[str, Floats]) -> None:
                 f"{path}: {name!r} has shape {column.shape}: give {shapes[name]}, because 'gyro_rad_s' has {count(n, 'sample')}"
             )
     if n < 2:
-        raise RecordingError(f"{path}: {count(n, 'sample')}; at least 2 are needed")
+        raise RecordingError(f"{path}: the file has {count(n, 'sample')}; at least 2 are needed")
 
 
 def _rate(path: Path, columns: dict[str, Floats], reading: Reading) -> float | None:
@@ -126,7 +126,7 @@ def _rate(path: Path, columns: dict[str, Floats], reading: Reading) -> float | N
     for said in (own, reading.rate_hz):
         if said is not None and not SLOWEST_HZ <= said <= FASTEST_HZ:
             raise RecordingError(
-                f"{path}: the given rate is {said:g} Hz: give --rate-hz from {SLOWEST_HZ:g} to {FASTEST_HZ:g}"
+                f"{path}: the stated rate is {said:g} Hz: give --rate-hz from {SLOWEST_HZ:g} to {FASTEST_HZ:g}"
             )
     if own is not None and reading.rate_hz is not None and abs(reading.rate_hz - own) > _SAME_RATE * own:
         _log.warning("%s: the file states %.5g Hz; the given %.5g Hz is used", path, own, reading.rate_hz)

@@ -16,7 +16,7 @@ from bridge.ros.imu_rows import ImuRows
 IMU: Final = "sensor_msgs/msg/Imu"
 TRANSFORMS: Final = "tf2_msgs/msg/TFMessage"
 DIAGNOSTICS: Final = "diagnostic_msgs/msg/DiagnosticArray"
-NEEDS: Final = "needs pip install 'truerate[ros]'"
+NEEDS: Final = "needs another package: pip install 'truerate[ros]'"
 #: levels of a diagnostic status, in diagnostic_msgs/msg/DiagnosticStatus
 OK, WARN, ERROR, STALE = range(4)
 _NS: Final = 1_000_000_000

@@ -20,11 +20,11 @@ def content(path: Path | str) -> bytes:
         if stat.S_ISDIR(mode):
             raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
         if not stat.S_ISREG(mode):
-            raise OSError("a pipe or a device, but a file is expected")
+            raise OSError("this is a pipe or a device, but a file is expected")
         with os.fdopen(descriptor, "rb", closefd=False) as file:
             found = file.read(MAX_BYTES + 1)
     finally:
         os.close(descriptor)
     if len(found) > MAX_BYTES:
-        raise OSError(f"larger than {MAX_BYTES} bytes: give another file")
+        raise OSError(f"the file has more than {MAX_BYTES} bytes: give another file")
     return found

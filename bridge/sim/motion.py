@@ -188,7 +188,7 @@ class Motion:
         attitude, lever = self._attitudes(time_s)
         dt = np.diff(time_s, prepend=self._time_s)[:, None]
         if not (dt > 0).all():
-            raise ValueError("sample times must rise, within a call and from one call to the next")
+            raise ValueError("sample times do not increase: give increasing times, also from one call to the next")
         before = np.concatenate([self._attitude, attitude[:-1]])
         rate = to_rotvec(multiply(conjugate(before), attitude)) / dt
         turning = np.diff(rate, axis=0, prepend=self._rate) / dt

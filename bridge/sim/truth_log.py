@@ -62,7 +62,9 @@ class TruthLog:
         parts = [truth[max(0, first - begin) : last + 1 - begin] for begin, truth in blocks]
         n = sum(len(part.rate) for part in parts)
         if n != last + 1 - first or n == 0:
-            raise LookupError(f"truth of samples {first} to {last} of boot {boot:016x} is not kept, only {n} of them")
+            raise LookupError(
+                f"truth of samples {first} to {last} of boot {boot:016x} is not kept: the log has only {n} of these samples"
+            )
         return TrueSamples(
             rate=np.concatenate([part.rate for part in parts]),
             attitude=np.concatenate([part.attitude for part in parts]),

@@ -93,7 +93,9 @@ class Csv(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
                 f"separator is {self.separator!r}: use one character that occurs in no number, such as ','"
             )
         if not self.columns and not self.header:
-            raise ValueError("give columns in their order, or header = true")
+            raise ValueError(
+                "[csv] has neither columns nor header: list the columns in their order, or write header = true"
+            )
         for column in self.columns:
             if self.columns.count(column) > 1:
                 raise ValueError(f"columns has {column!r} more than once: name each column once")
@@ -267,11 +269,9 @@ class Profile(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     def __post_init__(self) -> None:
         _within("baud", self.baud, 300, 4_000_000)
         if (self.csv is None) == (self.regex is None):
-            raise ValueError("give one of the tables [csv] and [regex]")
+            raise ValueError("both or neither of [csv] and [regex] are given: give exactly one of these tables")
         if self.csv is not None and self.csv.separator == self.decimal:
-            raise ValueError(
-                f"decimal and separator are both {self.decimal!r}: a comma in numbers needs another separator"
-            )
+            raise ValueError(f"decimal and separator are both {self.decimal!r}: give another separator")
         for banner in self.banners:
             for group in _compiled(banner, "banners").groupindex:
                 if group not in BANNER_GROUPS:
@@ -309,7 +309,9 @@ class Profile(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
             if self.columns and column not in self.columns:
                 raise ValueError(f"[{table}]: unknown column {column!r}; {nearest(column, self.columns)}")
             if column in seen:
-                raise ValueError(f"[{table}]: column {column!r} is already used by [{seen[column]}]")
+                raise ValueError(
+                    f"[{table}]: column {column!r} is already used by [{seen[column]}]: name another column"
+                )
             if NUMBER.fullmatch(column):
                 raise ValueError(f"[{table}]: column {column!r} is a number: give a name")
             seen[column] = table

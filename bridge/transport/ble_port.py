@@ -192,8 +192,8 @@ def state(address: str) -> str:
 
 
 def reach() -> str:
-    """Return in a few words if BLE can be used: `searched for only when opened`, or how to install the missing packages."""
-    return "searched for only when opened" if ble_radio.available() else ble_radio.NEEDS
+    """Return in a few words if BLE can be used: `not checked before the port is opened`, or how to install the missing packages."""
+    return "not checked before the port is opened" if ble_radio.available() else ble_radio.NEEDS
 
 
 def _uuid(text: str) -> str:

@@ -13,7 +13,7 @@ from bridge.reasons.codes import Code, Sentence
 if TYPE_CHECKING:
     from bleak import BleakClient
 
-NEEDS: Final = "needs pip install 'truerate[ble]'"
+NEEDS: Final = "needs another package: pip install 'truerate[ble]'"
 SEARCH_S: Final = 10.0  # for the device's advertisement
 _PACKAGES: Final = ("bleak", "bleak_retry_connector")
 

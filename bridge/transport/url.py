@@ -53,7 +53,7 @@ def options(text: str, known: Sequence[str], example: str) -> tuple[str, dict[st
         if name not in known:
             raise ValueError(f"{text!r}: unknown option {name!r}; {nearest(name, known)}")
     if len(dict(pairs)) < len(pairs):
-        raise ValueError(f"{text!r}: an option is given twice: remove one, as in {example!r}")
+        raise ValueError(f"{text!r}: an option is given twice: give each option once, as in {example!r}")
     return before, dict(pairs)
 
 

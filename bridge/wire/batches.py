@@ -216,7 +216,7 @@ def ticks_of(column: bytes) -> NDArray[np.uint64]:
         )
     ticks = np.frombuffer(column, UINT64)
     if not np.logical_and.reduce(ticks[1:] > ticks[:-1]) or int(ticks[-1]) >= 2**63:
-        raise Refusal(Reason.RANGE, "ticks do not increase from each sample to the next, below 2**63")
+        raise Refusal(Reason.RANGE, "ticks do not increase from sample to sample, or reach 2**63")
     return ticks
 
 
@@ -231,7 +231,7 @@ def times_of(
     period_s = validation.number(raw.tick_period_s, "tick_period_s", 1e-9, 1.0)
     rate = validation.number(raw.clock_rate, "clock_rate", 1e-4, 1e4)
     if start_ns + float(ticks[-1] - ticks[0]) * (period_s * rate * 1e9) > validation.MAX_TIME_NS:
-        raise Refusal(Reason.RANGE, f"the last sample is taken later than {validation.MAX_TIME_NS} ns")
+        raise Refusal(Reason.RANGE, f"the time of the last sample is above {validation.MAX_TIME_NS} ns")
 
 
 def floats_of(column: bytes, name: str, n: int, limit: float) -> Float32s:

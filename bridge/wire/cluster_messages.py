@@ -43,7 +43,8 @@ def decode_owned(key: str, payload: bytes) -> Owned:
     if len(raw.holdings) > MAX_HOLDINGS or len(raw.moves) > MAX_MOVES:
         raise Refusal(
             Reason.LENGTH,
-            f"{len(raw.holdings)} holdings and {len(raw.moves)} moves; at most {MAX_HOLDINGS} and {MAX_MOVES} are allowed",
+            f"{len(raw.holdings)} holdings and {len(raw.moves)} moves are given; at most "
+            f"{MAX_HOLDINGS} and {MAX_MOVES} are allowed",
         )
     parts = validation.whole(raw.parts, "parts", MAX_PARTS)
     return Owned(

@@ -241,7 +241,9 @@ def calibration_in(raw: pb.Calibration) -> Calibration:
     """
     n = len(raw.parameters)
     if n > _MAX_PARAMETERS or len(raw.turns) > _MAX_TURNS:
-        raise Refusal(Reason.LENGTH, f"{n} parameters and {len(raw.turns)} turns; at most 32 of each are allowed")
+        raise Refusal(
+            Reason.LENGTH, f"{n} parameters and {len(raw.turns)} turns are given; at most 32 of each are allowed"
+        )
     return Calibration(
         device=raw.device,
         boot=raw.boot,

@@ -39,7 +39,7 @@ def read(kind: type[M], payload: bytes) -> M:
         raise Refusal(Reason.MALFORMED, f"not a {kind.__name__}: {error}") from None
     version = message.version  # type: ignore[attr-defined] # every message has this field
     if version != VERSION:
-        raise Refusal(Reason.VERSION, f"a {kind.__name__} of version {version}; version {VERSION} is expected")
+        raise Refusal(Reason.VERSION, f"the {kind.__name__} has version {version}; version {VERSION} is expected")
     return message
 
 

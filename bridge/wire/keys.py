@@ -112,7 +112,7 @@ def parse(key: str) -> Key:
     Raises Refusal for a wildcard, an unknown kind, an invalid id, and a key that is too long.
     """
     if len(key) > MAX_KEY:
-        raise Refusal(Reason.BAD_KEY, f"a key of {len(key)} characters; at most {MAX_KEY} are allowed")
+        raise Refusal(Reason.BAD_KEY, f"the key has {len(key)} characters; at most {MAX_KEY} are allowed")
     if "*" in key or "$" in key:
         raise Refusal(Reason.WILDCARD_KEY, f"a sample must name one device, not {key!r}")
     if not key.startswith(ROOT + "/"):

@@ -78,7 +78,7 @@ def decode_windows(key: str, payload: bytes) -> WindowBatch:
         )
     samples = np.frombuffer(raw.samples, UINT32)
     if int(samples.min()) < 1 or int(samples.max()) > MAX_IN_WINDOW:
-        raise Refusal(Reason.RANGE, f"a window has no sample, or more than {MAX_IN_WINDOW}")
+        raise Refusal(Reason.RANGE, f"a window has no sample, or more than {MAX_IN_WINDOW} samples")
     noise_std, bias_std, scale_std, cross_std, flicker_std = stds_of(raw)
     return WindowBatch(
         device=raw.device,

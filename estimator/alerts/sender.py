@@ -110,6 +110,6 @@ def by_apprise(urls: Sequence[str]) -> Notify:
         if not made.add(url):
             scheme = url.partition("://")[0][:20]  # the rest may be a password
             raise ConfigError(
-                f"[alerts]: apprise does not take an address that begins with {scheme}://: see its documentation"
+                f"[alerts]: apprise does not know addresses that begin with {scheme}://; use a service from its documentation"
             )
     return lambda title, body: bool(made.notify(title=title, body=body))

@@ -71,7 +71,7 @@ def misfit(rest: Rest, samples: Samples, matrix: Floats) -> Floats:
     C) o. Here a (3,) is the reading at rest, m/s², and C (3, 3) rotates it into the present sensor axes.
     """
     if rest.accel is None or samples.accel is None:
-        raise ValueError("without an accelerometer gravity cannot be measured")
+        raise ValueError("gravity cannot be measured without an accelerometer: give accelerometer readings")
     dt = rotation.intervals(samples.time)
     block = max(1, round(_STEP_S / float(np.median(dt))))
     n = len(samples) // block

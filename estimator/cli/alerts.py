@@ -80,7 +80,7 @@ def _list(given: argparse.Namespace) -> int:
         told = [{"id": f"{name}/{one.kind}", "subject": name, **asdict(one)} for name, one in standing]
         print(json.dumps({"ward": ward, "alerts": told}))
     elif not standing:
-        print(f"ward {ward}: no alert stands")
+        print(f"ward {ward}: no alerts")
     else:
         columns = [
             Column("alert", least=16),
@@ -107,10 +107,14 @@ def _test(given: argparse.Namespace) -> int:
     ward = load(given.config, Ward)
     urls = ward.alerts.urls()
     if not urls:
-        raise ConfigError(f"no address: name a file in [alerts] urls_file, or set {URLS_VARIABLE}")
+        raise ConfigError(
+            f"no address to send to: name a file of addresses in [alerts] urls_file, or set {URLS_VARIABLE}"
+        )
     sent = by_apprise(urls)(f"{ward.ward}: test", "This is a test of the alerts of truerate.")
     print(
-        f"sent; addresses: {len(urls)}" if sent else "the message could not be sent to every address",
+        f"the test message was sent; addresses: {len(urls)}"
+        if sent
+        else "the test message could not be sent to every address",
         file=sys.stdout if sent else sys.stderr,
     )
     return 0 if sent else 1

@@ -44,7 +44,7 @@ def live(given: argparse.Namespace) -> int:
     from estimator.terminal.guided_calibration import calibrate  # noqa: PLC0415
 
     if given.file is not None:
-        raise ConfigError("a recording and --live DEVICE are both given: give one of them")
+        raise ConfigError("a recording and --live DEVICE are both given: omit one of the two")
     if of_recording := [name for name in _OF_RECORDING if vars(given)[name]]:
         option = of_recording[0].replace("_", "-")
         raise ConfigError(

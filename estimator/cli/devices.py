@@ -29,8 +29,10 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
         "show a ward live (devices that need a person come first), or one device's rates and bias",
     )
     verb.add_argument("device", nargs="?", help="device id, as `truerate devices` shows it (default: the whole ward)")
-    verb.add_argument("--once", action="store_true", help="print the present state once and end")
-    verb.add_argument("--json", action="store_true", help="print one JSON object a second; with --once a single one")
+    verb.add_argument("--once", action="store_true", help="print the present state once, then stop")
+    verb.add_argument(
+        "--json", action="store_true", help="print one JSON object per second; with --once only one object"
+    )
     verb.add_argument("--seconds", type=float, default=None, help="stop after this many seconds (default: at Ctrl-C)")
     add_ward(verb)
 

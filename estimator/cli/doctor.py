@@ -179,7 +179,9 @@ def _running(ward: Ward, routers: Routers, digest: str) -> Iterable[Finding]:
         running = dict(reload.asked(bus, routers, ward, digest, 0.0))
     for member, reply in running.items():
         if reply.request_id == digest and not reply.accepted:
-            yield warning("config", f"{member.label}: {reload.said(reply, digest)}", "correct the file, or restart it")
+            yield warning(
+                "config", f"{member.label}: {reload.said(reply, digest)}", "correct the file, or restart the program"
+            )
     for words in denied:
         said, _, do = words.partition("; ")
         yield trouble("rights", said, do)

@@ -88,6 +88,7 @@ def _serve(name: str, outlet: Outlet, given: argparse.Namespace) -> int:
             )
         if unknown := set(devices) - heard:
             raise ConfigError(
-                f"no device {' or '.join(sorted(unknown))} is heard in ward {ward}: `truerate devices` lists those that are"
+                f"no device {' or '.join(sorted(unknown))} is heard in ward {ward}: `truerate devices` lists "
+                "the devices that are heard"
             )
         return int(module.serve(client, devices or None, given, stop))

@@ -130,7 +130,7 @@ def asked() -> str:
         again = getpass.getpass("repeat the password: ")
     except EOFError:
         print(file=sys.stderr)
-        raise ValueError("no password was given: type one, or use --token") from None
+        raise ValueError("no password was given: type a password, or use --token") from None
     if password != again:
         raise ValueError("the two passwords differ: run the command again")
     return password

@@ -113,7 +113,9 @@ def _verify(given: argparse.Namespace) -> int:
         backup, restored = next(_candidates(given, backups, Path(folder)), None), Path(folder) / "restored.sqlite3"
         if backup is None:
             where = "the bucket" if given.s3 else backups.folder
-            raise StoreError(f"there is no backup of store {backups.store} in {where}")
+            raise StoreError(
+                f"there is no backup of store {backups.store} in {where}: make one with `truerate store backup`"
+            )
         restore(restored, backup)
         store = Store(restored)
         try:

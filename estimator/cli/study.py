@@ -40,7 +40,10 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     does = "simulate good and bad sessions, and count wrong ones accepted and good ones refused"
     verb = add_verb(inner, "protocols", _study_protocols, does)
     verb.add_argument(
-        "--runs", type=_at_least_one, default=10_000, help="good sessions, and as many bad ones (default: %(default)s)"
+        "--runs",
+        type=_at_least_one,
+        default=10_000,
+        help="number of good sessions, and also of bad ones (default: %(default)s)",
     )
     verb.add_argument("--method", default="closure", help="calibration method by hand (default: %(default)s)")
     verb.add_argument("--workers", type=_at_least_one, default=None, help=_WORKERS)
@@ -60,7 +63,7 @@ def _at_least_one(text: str) -> int:
     except ValueError:
         number = 0
     if number < 1:
-        raise argparse.ArgumentTypeError(f"invalid number {text!r}: give a whole number from 1 on")
+        raise argparse.ArgumentTypeError(f"invalid number {text!r}: give a whole number, 1 or more")
     return number
 
 

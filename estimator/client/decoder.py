@@ -28,5 +28,9 @@ class Decoder(Generic[T]):
             return self._decode(message.key, message.payload)
         except Refusal as refusal:
             if self.refused.add(refusal.reason) == 1:
-                log.warning("%s message refused, %s (further ones of this kind are only counted)", self.name, refusal)
+                log.warning(
+                    "one %s message was refused: %s (further ones of this kind are counted, not logged)",
+                    self.name,
+                    refusal,
+                )
             return None

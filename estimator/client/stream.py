@@ -153,7 +153,7 @@ class Stream(AsyncIterator[T], Generic[T]):
         if not self._slow and self._subscription.overflowed:
             self._slow = True
             log.warning(
-                "%s messages come faster than this program reads them: the oldest are dropped; further drops are only counted",
+                "%s messages come faster than this program reads them: the oldest are dropped (further drops: counted only)",
                 self._decoder.name,
             )
         return len(messages)

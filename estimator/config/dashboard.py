@@ -108,9 +108,11 @@ class Dashboard(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
             )
         names = [person.name for person in self.people]
         for name in {name for name in names if names.count(name) > 1}:
-            raise ValueError(f"two people are called {name!r}")
+            raise ValueError(f"two people are called {name!r}: rename one of them")
         if self.people and self.people_file:
-            raise ValueError(f"people are listed here and in {self.people_file}: move all of them to that file")
+            raise ValueError(
+                f"[[dashboard.people]] and {self.people_file} both list people: move all people to {self.people_file}"
+            )
         for host in self.hosts:
             if not host or not host.isprintable() or set(host) & set("/:@ *"):
                 raise ValueError(

@@ -237,7 +237,7 @@ class Database:
     def _opened(self) -> sqlite3.Connection:
         """Return a writing connection to a sound file; `_reader` is opened too, even if the file is read-only."""
         if self._read_only:
-            raise StoreError(f"store {self.path} is open for reading")
+            raise StoreError(f"store {self.path} is open only for reading")
         path = Path(self.path)
         try:
             if self.path == _MEMORY:

@@ -102,7 +102,7 @@ def _run(first: int, last: int, parts: list[tuple[int, Floats]]) -> Floats:
     numbers = np.concatenate([np.arange(begin, begin + len(values)) for begin, values in parts])
     wanted = (numbers >= first) & (numbers <= last)
     if wanted.sum() != last - first + 1:
-        raise LookupError(f"{wanted.sum()} of the {last - first + 1} samples after its calibration came")
+        raise LookupError(f"{wanted.sum()} of the {last - first + 1} samples after its calibration arrived")
     return rows[wanted]
 
 

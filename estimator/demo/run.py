@@ -114,7 +114,7 @@ def _summary(
             if not found.good:
                 failures.append(f"{name}: {in_words(found)}")
     if len(watcher.raw) != len(NAMES) + 1:
-        failures.append(f"{len(watcher.raw)} boots were seen, {len(NAMES) + 1} happened")
+        failures.append(f"{len(watcher.raw)} boots were seen; {len(NAMES) + 1} are expected")
     for shown in (_parameters(judgements), _worth(judgements)):
         console.print(shown)
         console.print()

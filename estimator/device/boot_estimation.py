@@ -126,7 +126,9 @@ class BootEstimation(BootCalibration):
         Raises ValueError if the state is damaged or names another calibration.
         """
         if saved.calibration != ("" if calibration is None else calibration.id):
-            raise ValueError(f"the state belongs to calibration {saved.calibration or 'none'}, which was not given")
+            raise ValueError(
+                f"the saved state needs calibration {saved.calibration or '(none)'}: give this calibration"
+            )
         own = calibration is not None and calibration.boot == boot
         self._moves = saved.moves
         self._use(calibration if own else None, None if own else calibration)
@@ -136,7 +138,7 @@ class BootEstimation(BootCalibration):
         self._stillness.resume(saved.stillness)
         first, end = saved.taken.first, saved.stillness.next
         if not first <= end <= buffer.end:
-            raise ValueError("damaged state: samples are missing")
+            raise ValueError("damaged state: samples are missing; start without this state")
         self.tracker.go_on(saved.tracker, self._belief.model, first, buffer.rows(first, end))
         self.began, self.now, self.scratch = saved.began, saved.now, saved.scratch
         self._silent_until, self._silent_c = saved.silent_until, saved.silent_c

@@ -127,7 +127,7 @@ class Lifecycle:
         try:
             self.state, self._before = State[state], State[before]
         except KeyError as error:
-            raise ValueError(f"damaged state: unknown device state {error}") from None
+            raise ValueError(f"damaged state: unknown device state {error}; start without this state") from None
 
     @property
     def away(self) -> bool:

@@ -54,7 +54,7 @@ class RestingPoses:
         shaped(state.poses, -1, 5, finite=True)
         shaped(state.rest, 6, finite=True)
         if state.rest[0] and not state.rest[1] > 0:
-            raise ValueError("damaged state: a rest without samples")
+            raise ValueError("damaged state: a rest has no samples; start without this state")
         self._poses, self._rest = state.poses, state.rest.tolist()
         self._calibrate()
 

@@ -33,7 +33,7 @@ class SavedSamples(StateStruct):
         n = len(self.time)
         shaped(self.rows, n, WIDTH - 1)
         if not n == len(self.sequence) == len(self.host_ns):
-            raise ValueError("damaged state: columns of samples differ in length")
+            raise ValueError("damaged state: the columns of samples differ in length; start without this state")
         time, sequence, host_ns = (
             np.cumsum(np.array(column, np.int64)) for column in (self.time, self.sequence, self.host_ns)
         )

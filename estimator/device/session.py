@@ -120,12 +120,12 @@ class DeviceSession(CorrectedStream):
         calibration = None if remembered is None else remembered.calibration
         if remembered is not None and calibration is not None and calibration.boot == boot:
             self._restore(remembered, calibration, temperature_c)
-            outcome.said.append(f"calibration {calibration.id} of this boot restored")
+            outcome.said.append(f"calibration {calibration.id} of this boot was restored")
         elif calibration is not None:
             self.believe(calibration)
         if remembered is not None and self.learnt.resume(remembered, temperature_c):
             self._apply()
-            outcome.said.append("bias of this boot restored")
+            outcome.said.append("the bias of this boot was restored")
         return outcome
 
     def _lost_turns(self, axes: tuple[int, ...], outcome: Outcome) -> None:
@@ -257,15 +257,19 @@ class DeviceSession(CorrectedStream):
         """
         saved = decode(state, SessionState)
         if (saved.version, saved.device) != (VERSION, device):
-            raise ValueError(f"a state of {saved.device!r}, version {saved.version}: expected {device!r}, {VERSION}")
+            raise ValueError(
+                f"the saved state is of {saved.device!r}, version {saved.version}; {device!r}, version {VERSION}, is expected"
+            )
         if saved.length_s not in (BLOCK_S, SHORT_S):
-            raise ValueError(f"damaged state: a block is {saved.length_s} s long")
+            raise ValueError(f"damaged state: blocks of {saved.length_s} s do not exist; start without this state")
         session = cls(device, knobs, saved.learnt.began, sequence)
         buffer = session.learnt.go_on(saved.learnt, calibration, saved.boot)
         for correction in (saved.applied, saved.ready):
             correction.check()
             if correction.quality is Quality.GOOD and session.calibration is None:
-                raise ValueError("damaged state: quality GOOD without a calibration of this boot")
+                raise ValueError(
+                    "damaged state: quality GOOD needs a calibration of this boot; start without this state"
+                )
         session.life.resume(saved.life)
         session._blocks = Blocks(saved.latest_s)
         session._blocks.length_s = saved.length_s

@@ -55,7 +55,9 @@ def install(
 def _continued(plan: Plan, before: Ward, path: Path) -> Plan:
     """Return the plan with the hosts and machines of an earlier run."""
     if before.ward != plan.ward:
-        raise ValueError(f"{path} is of ward {before.ward!r}, not {plan.ward!r}: give that name, or another --folder")
+        raise ValueError(
+            f"{path} is of ward {before.ward!r}, not {plan.ward!r}: name ward {before.ward!r}, or another --folder"
+        )
     machines = sorted(one.name for one in (plan.folder / "machines").glob("*/"))
     hosts = before.dashboard.hosts if before.dashboard.certificate else ()
     return replace(

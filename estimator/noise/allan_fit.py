@@ -134,7 +134,7 @@ def identify(rate: Floats, rate_hz: float) -> Noise:
     """
     factors = octaves(len(rate))
     if len(factors) < _LEAST_OCTAVES:
-        raise ValueError(f"only {len(rate)} rates are given; at least {3 << (_LEAST_OCTAVES - 1)} are needed")
+        raise ValueError(f"only {len(rate)} rates are given; at least {3 << (_LEAST_OCTAVES - 1)} rates are needed")
     variance = np.maximum(overlapping(rate, factors), 1e-12 * rate.var())  # alternating readings average to zero
     tau = np.array(factors) / rate_hz
     terms, each = _terms(tau), degrees_of_freedom(len(rate), factors)

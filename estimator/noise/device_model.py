@@ -111,7 +111,7 @@ class _File(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
     def __post_init__(self) -> None:
         if not (self.model and self.model.isprintable()):
-            raise ValueError(f"model is {self.model!r}; a name is expected")
+            raise ValueError(f"model is {self.model!r}: give a printable name")
 
 
 def load_model(name: str | Path) -> NoiseModel:

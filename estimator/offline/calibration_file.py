@@ -205,7 +205,7 @@ def load(path: Path | str) -> Calibration:
     file = _read(path)
     if (file.format, file.version) != (FORMAT, VERSION):
         raise CalibrationFileError(
-            f"{path}: format {file.format[:64]!r}, version {file.version}; {FORMAT!r}, version {VERSION}, is expected"
+            f"{path}: the format is {file.format[:64]!r}, version {file.version}; {FORMAT!r}, version {VERSION}, is expected"
         )
     if file.verdict != "accepted":
         raise CalibrationFileError(
@@ -265,7 +265,9 @@ def _reason(file: _File | _Accelerometer) -> Sentences:
 def _read(path: Path) -> _File:
     try:
         if (size := path.stat().st_size) > _MAX_BYTES:
-            raise CalibrationFileError(f"{path}: not a calibration: {size} bytes, more than {_MAX_BYTES}; {_ADVICE}")
+            raise CalibrationFileError(
+                f"{path}: not a calibration: the file has {size} bytes, more than {_MAX_BYTES}; {_ADVICE}"
+            )
         data = path.read_bytes()
     except OSError as error:
         raise CalibrationFileError(f"{path}: cannot be read: {error.strerror}; {_ADVICE}") from None

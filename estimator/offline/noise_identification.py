@@ -76,8 +76,8 @@ def identify_noise(recording: Recording) -> AtRest:
     for axis, name in enumerate(AXES):
         if np.ptp(gyro[:, axis]) == 0:
             raise RecordingError(
-                f"{recording.name}: {name} reads the same throughout the rest: stuck, or rounded to more than its noise. "
-                "Choose the smallest full-scale range"
+                f"{recording.name}: {name} reads the same throughout the rest. The axis is stuck, or its "
+                "rounding step exceeds its noise. Choose the smallest full-scale range"
             )
     x, y, z = (identify(gyro[:, axis], rate_hz) for axis in range(3))
     celsius = None if recording.temperature_c is None else recording.temperature_c[rest]

@@ -307,7 +307,7 @@ def _usable(calibration: Calibration | Result, recording: Recording) -> Calibrat
     known = of_result(calibration) if isinstance(calibration, Result) else calibration
     if known.device and recording.device and known.device != recording.device:
         raise RecordingError(
-            f"calibration {known.id} is of {known.device}, the recording {recording.name} of {recording.device}: "
+            f"calibration {known.id} is of {known.device}, but recording {recording.name} is of {recording.device}: "
             f"give a calibration of {recording.device}, or none"
         )
     return known if known.id else replace(known, id="given")
@@ -317,7 +317,7 @@ def _foreign(known: Calibration, recording: Recording, gyro_range: float) -> str
     """Return why a calibration cannot be of the recording's boot, or None; unknown values are no reason."""
     if known.boot and recording.boot and known.boot != recording.boot:
         was, now = keys.boot_id(known.boot), keys.boot_id(recording.boot)
-        return f"calibration {known.id} is of boot {was}, but {recording.name} is of boot {now}"
+        return f"calibration {known.id} is of boot {was}, but recording {recording.name} is of boot {now}"
     if gyro_range and known.gyro_range and not isclose(gyro_range, known.gyro_range, rel_tol=1e-3):
         was, now = np.degrees(known.gyro_range), np.degrees(gyro_range)
         return f"calibration {known.id} was made at a range of {was:.5g} °/s, but {recording.name} has {now:.5g} °/s"

@@ -113,7 +113,7 @@ class Attitude:
         if state is not None:
             shaped(state, loop.SIZE)
             if not np.isfinite(state[1:]).all():
-                raise ValueError("damaged state: an attitude is not finite")
+                raise ValueError("damaged state: an attitude is not finite; start without this state")
             self.state = state.copy()
 
     @property

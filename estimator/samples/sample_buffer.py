@@ -137,7 +137,9 @@ class SampleBuffer:
         """
         at = number - self._first
         if not self._begin <= at < self._end:
-            raise IndexError(f"sample {number} is not in the buffer: {self._first + self._begin} to {self.end - 1} are")
+            raise IndexError(
+                f"sample {number} is not in the buffer, which holds samples {self._first + self._begin} to {self.end - 1}"
+            )
         return self._places.item(at, SEQUENCE), self._places.item(at, HOST_NS)
 
     def forget(self, number: int) -> None:

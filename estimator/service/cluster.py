@@ -134,7 +134,9 @@ class Cluster:
             return decode(*message)
         except Refusal as refusal:
             if self._counts.add(f"{what} messages refused, {refusal.reason}") == 1:
-                log.warning("%s message refused, %s (further ones of this kind are only counted)", what, refusal)
+                log.warning(
+                    "one %s message was refused: %s (further ones of this kind are counted, not logged)", what, refusal
+                )
             return None
 
     def _note(self, checkpoint: Checkpoint) -> None:
@@ -160,7 +162,7 @@ class Cluster:
             return
         log.error(
             "another estimator also has the id %s, and both correct the same devices: stop one of them, or give it another"
-            " id and its own store (further messages are only counted)",
+            " id and its own store (further messages are counted, not logged)",
             self.membership.own,
         )
 

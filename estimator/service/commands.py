@@ -143,7 +143,12 @@ class Commands:
         names = sorted(self._devices)
         message = self._gate.why(key.device) or (Code.UNKNOWN_DEVICE(device=key.device), *_known(names))
         if self._counts.add("commands to unknown devices") == 1:
-            log.warning("%s by %s: %s (more are only counted)", key.ids["verb"], command.who, english(*message))
+            log.warning(
+                "%s by %s: %s (further refusals are counted, not logged)",
+                key.ids["verb"],
+                command.who,
+                english(*message),
+            )
         return CommandReply(command.request_id, accepted=False, message=message)
 
     def _done(self, device: Device, verb: str, command: Command) -> CommandReply:

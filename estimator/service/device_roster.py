@@ -134,9 +134,7 @@ class DeviceRoster(dict[str, Device]):
         device.restart()
         self._counts.add("sessions failed")
         if device.session.count_event(FAILED) == 1:
-            words = (
-                "%s: an error ended the device's session, and a new session starts (further errors are only counted)"
-            )
+            words = "%s: an error ended the device's session, and a new session starts (further errors are counted, not logged)"
             log.error(words, device.name, exc_info=error)
 
     def over(self, now: float) -> list[Device]:

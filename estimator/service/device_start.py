@@ -166,13 +166,15 @@ class DeviceStarts:
         try:
             device.take_over(known)
         except Exception as error:  # noqa: BLE001 - a checkpoint may hold anything, and all devices are at stake
-            log.warning("%s: its checkpoint is not used: %s", device.name, error)
+            log.warning("%s: the device continues without its checkpoint, which cannot be used: %s", device.name, error)
             self._parts.counts.add("checkpoint messages refused, damaged")
             return False
         return True
 
     def _resume(self, device: Device) -> None:
         used = device.session.calibration
-        log.info("%s: %s of this boot restored", device.name, "bias" if used is None else f"calibration {used.id}")
+        log.info(
+            "%s: the %s of this boot was restored", device.name, "bias" if used is None else f"calibration {used.id}"
+        )
         if (outcome := self._boots.resumed(device)) is not None:
             self._tell(device, outcome)

@@ -100,7 +100,7 @@ class EnrolmentGate:
         if place and place != bridge:
             if self._counts.add(FOREIGN) == 1:
                 log.warning(
-                    "%s is enrolled for bridge %s but sent by %s (further messages are only counted)",
+                    "%s is enrolled for bridge %s but sent by %s (further messages are counted, not logged)",
                     device,
                     place,
                     bridge,

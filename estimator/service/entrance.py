@@ -79,7 +79,7 @@ class Newcomers:
         if self._counts.add(REFUSED) == 1:
             log.warning(
                 "too many new devices at once (bridge %s): some are refused. If they are real, list the ward's devices in"
-                " [devices] (further refusals are only counted)",
+                " [devices] (further refusals are counted, not logged)",
                 bridge,
             )
         return False

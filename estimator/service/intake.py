@@ -95,7 +95,9 @@ class Intake:
     def _refuse(self, what: str, key: str, refusal: Refusal) -> None:
         """Count a refused message by its reason, in the ward's counts and with its device; the first is logged."""
         if self._counts.add(f"{what} messages refused, {refusal.reason}") == 1:
-            log.warning("%s message refused, %s (further ones of this kind are only counted)", what, refusal)
+            log.warning(
+                "one %s message was refused: %s (further ones of this kind are counted, not logged)", what, refusal
+            )
         try:
             device = self._devices.get(keys.parse(key).ids.get("device", ""))
         except Refusal:

@@ -73,4 +73,4 @@ class Outcomes:
             raise  # a lost bus concerns all devices
         except Exception:  # any failure is contained: viewers must not stop the correction
             if self._parts.counts.add(FAILED, len(due)) == len(due):
-                log.exception("window summaries could not be computed (further failures are only counted)")
+                log.exception("window summaries could not be computed (further failures are counted, not logged)")

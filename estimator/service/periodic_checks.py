@@ -79,9 +79,7 @@ class PeriodicChecks:
         self._counts.add(EVENT)
         self._violations[name] += 1
         if self._violations[name] == 1:
-            words = (
-                "%s: %s: %d samples were received, but neither published nor dropped (further cases are only counted)"
-            )
+            words = "%s: %s: %d samples were received, but neither published nor dropped (further cases are counted, not logged)"
             log.error(words, name or "the ward", EVENT, samples)
         for device in [self._devices[name]] if name else self._devices.values():
             device.session.count_event(EVENT)

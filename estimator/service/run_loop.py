@@ -236,7 +236,8 @@ class Service:
         device = self._devices.get(key.rpartition("/")[2])
         if device is not None and device.session.sequence.events.add(FLOODED, messages) == messages:
             log.warning(
-                "%s sends too many messages: the oldest are dropped (further ones are only counted)", device.name
+                "%s sends too many messages: the oldest are dropped (further drops are counted, not logged)",
+                device.name,
             )
 
     # ---- what goes out --------------------------------------------------------------------------------------------

@@ -52,7 +52,7 @@ class Store(StoreReader):
         Raises ValueError if its verdict is not ACCEPTED.
         """
         if c.verdict is not Verdict.ACCEPTED:
-            raise ValueError(f"a calibration with verdict {c.verdict.name} is not stored")
+            raise ValueError(f"the calibration has verdict {c.verdict.name}: only ACCEPTED calibrations can be stored")
         row: Row = {"id": c.id, "device": c.device, "boot": keys.boot_id(c.boot), "time_ns": c.time_ns}
         row |= {
             "method": c.method,

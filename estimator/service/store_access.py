@@ -356,7 +356,7 @@ class StoreAccess:
 
         def done(error: StoreError | None) -> None:
             if error is not None and self._counts.add(NOT_KEPT) == 1:
-                log.error("%s (more are only counted)", error)
+                log.error("%s (further errors are counted, not logged)", error)
             then()
 
         self._clerk.do(write, done, soon=soon)

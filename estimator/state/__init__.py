@@ -46,7 +46,8 @@ def decode(data: bytes, kind: type[T]) -> T:
         with _ONE_AT_A_TIME, np.errstate(invalid="ignore"):
             return msgspec.msgpack.decode(inflating.decompress(data, _MOST_BYTES), type=kind, dec_hook=_unpacked)
     except (zlib.error, msgspec.MsgspecError) as error:
-        raise ValueError(f"damaged state: {str(error).removeprefix('damaged state: ')}") from error
+        words = str(error).replace("damaged state: ", "").replace("; start without this state", "")
+        raise ValueError(f"damaged state: {words}; start without this state") from error
 
 
 def shaped(array: Floats, *shape: int, finite: bool = False) -> None:
@@ -55,9 +56,11 @@ def shaped(array: Floats, *shape: int, finite: bool = False) -> None:
     finite: also check that every value is finite. Raises ValueError if a check fails.
     """
     if array.ndim != len(shape) or any(want not in (-1, n) for want, n in zip(shape, array.shape, strict=True)):
-        raise ValueError(f"damaged state: an array is {array.shape}, expected {shape}")
+        raise ValueError(
+            f"damaged state: an array has shape {array.shape}, but {shape} is expected; start without this state"
+        )
     if finite and not np.isfinite(array).all():
-        raise ValueError("damaged state: an array is not finite")
+        raise ValueError("damaged state: an array has a value that is not finite; start without this state")
 
 
 def _packed(array: Floats) -> tuple[str, tuple[int, ...], bytes]:
@@ -80,10 +83,12 @@ def _upper(n: int) -> tuple[NDArray[np.intp], ...]:
 def _unpacked(_: type, packed: Any) -> Floats:
     kind, shape, data = msgspec.convert(packed, tuple[str, tuple[int, ...], bytes])
     if len(shape) > 3 or any(n < 0 for n in shape) or prod(shape) > _MOST_VALUES:
-        raise ValueError(f"an array of {len(shape)} dimensions, or of negative or too many values")
+        raise ValueError(
+            f"an array of {len(shape)} dimensions has no valid shape: at most 3 dimensions and {_MOST_VALUES} values are allowed"
+        )
     if kind == "s":
         if len(shape) != 2 or shape[0] != shape[1]:
-            raise ValueError(f"a symmetric matrix of shape {shape}")
+            raise ValueError(f"a symmetric matrix has shape {shape}, which is not square")
         array, upper = np.empty(shape), _upper(shape[0])
         array[upper] = array.T[upper] = np.frombuffer(data, np.float64)
         return array

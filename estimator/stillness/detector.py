@@ -199,7 +199,7 @@ class Stillness:
         shaped(saved.recent, *self._recent.shape)
         shaped(saved.noise_std, 3, finite=True)
         if not 0 <= saved.state[1, 0] < 2**53:
-            raise ValueError("damaged state: not the state of a stillness detector")
+            raise ValueError("damaged state: the data is not of a stillness detector; start without this state")
         self._state, self._recent, self._next = saved.state, saved.recent, saved.next
         self.noise_std, self.noise_known = saved.noise_std, saved.noise_known
 

@@ -27,7 +27,8 @@ class ErrorsScenario(Simulation, frozen=True, kw_only=True):
         Simulation.__post_init__(self)
         if len(self.paper_band) != len(self.noise_dps):
             raise ValueError(
-                f"paper_band has {len(self.paper_band)} numbers and noise_dps {len(self.noise_dps)}: give one of each"
+                f"paper_band has {len(self.paper_band)} numbers, but noise_dps has {len(self.noise_dps)}: give "
+                "the same number of values for both"
             )
 
 
@@ -119,7 +120,7 @@ def tables(found: Errors) -> Sequence[RenderableType]:
             f"{100 * row.inside:.1f}%",
         )
     honest = ", ".join(f"{one.nees:.3f} ± {one.band:.3f} at {one.noise_dps:g} °/s" for one in found.honesty)
-    return table, f"closure's NEES per degree of freedom (honest: 1): {honest}"
+    return table, f"closure's NEES per degree of freedom (expected: 1): {honest}"
 
 
 def findings(found: Errors) -> Sequence[Finding]:

@@ -100,7 +100,7 @@ class BiasFilter:
         shaped(saved.now.P, n, n, finite=True)
         shaped(saved.unsure, 3)
         if n < OWN or not isfinite(saved.now.time) or (np.diag(saved.now.P) < 0).any():
-            raise ValueError("damaged state: not the state of a bias filter")
+            raise ValueError("damaged state: the data is not of a bias filter; start without this state")
         self.law = law
         self._take(saved.now)
         self._unsure = saved.unsure

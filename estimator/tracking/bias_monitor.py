@@ -43,7 +43,7 @@ class BiasMonitor(StateStruct):
 
     def __post_init__(self) -> None:
         if not set(self.contradictions) == set(_PARTS) >= {*self.refused, *self.agreed}:
-            raise ValueError("damaged state: unknown parts of a bias")
+            raise ValueError("damaged state: a part of the bias has an unknown name; start without this state")
 
     @property
     def stands(self) -> bool:

@@ -39,7 +39,7 @@ class InnovationConsistency(StateStruct, dict=True):
     def __post_init__(self) -> None:
         together = len(self.nis) == len(self.freedoms) == len(self.signs) <= WINDOW
         if not together or not all(freedom in _FREEDOMS for freedom in self.freedoms):
-            raise ValueError("damaged state: the lists of receipts differ in length")
+            raise ValueError("damaged state: the lists of receipts differ in length; start without this state")
         #: cached factor; None when a receipt has come since
         self._inflation: float | None = None if self.nis else 1.0
         self._mean = float("nan")

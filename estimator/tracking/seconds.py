@@ -124,7 +124,7 @@ class Seconds:
             shaped(state.before, 9)
         numbers = [*state.waiting[:, 3:5].ravel().tolist(), *state.gathered[[4] if state.gathered[2] else []].tolist()]
         if not all(first <= number <= first + len(samples) for number in numbers):
-            raise ValueError("damaged state: samples are missing")
+            raise ValueError("damaged state: samples are missing; start without this state")
         self._state, self._step, self._before = state.gathered, state.step, state.before
         self._waiting[: len(state.waiting)] = state.waiting
         self._parts = [(first, samples)] if len(samples) else []

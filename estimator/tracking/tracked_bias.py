@@ -127,7 +127,7 @@ class TrackedBias:
         self._filter.resume(saved.filter, saved.law)
         self._walk, self._filter.pace = saved.walk, saved.walk.pace
         if len(self._filter.x) not in (OWN, SIZE):
-            raise ValueError("damaged state: not the state of a bias filter")
+            raise ValueError("damaged state: the data is not of a bias filter; start without this state")
         self._gravity, self._zaru, self._bounded = Gravity(self.knobs.gravity, saved.gravity), saved.zaru, saved.bounded
         self.seconds.restore(saved.seconds, first, samples)
         self.thermometer, self._accelerometer, self.doubt = saved.thermometer, saved.accelerometer, saved.doubt

@@ -79,7 +79,7 @@ class Zaru(StateStruct):
         for evidence, *_ in self.waiting:
             m = len(evidence.z)
             if m not in GATES:
-                raise ValueError("damaged state: a waiting measurement is malformed")
+                raise ValueError("damaged state: a waiting measurement is malformed; start without this state")
             shaped(evidence.z, m, finite=True)
             shaped(evidence.H, m, -1, finite=True)
             shaped(evidence.R, m, m, finite=True)

@@ -170,7 +170,7 @@ class Broadcast:
         self._again[name] = now + AGAIN_S
         if self.left_out.add("topics") == 1:
             log.warning(
-                "%d topics of devices are watched: %s waits (more that wait are only counted)", len(there), name
+                "%d topics of devices are watched: %s waits (further waits are counted, not logged)", len(there), name
             )
         return False
 
@@ -182,7 +182,7 @@ class Broadcast:
         except Exception as error:
             kind = name.partition("/")[0]
             if self.failed.add(kind) == 1:
-                log.exception("%s failed and restarts (further failures of this kind are only counted)", name)
+                log.exception("%s failed and restarts (further failures are counted, not logged)", name)
             else:
                 log.debug("%s failed again: %s", name, error)
             if name in self._running:

@@ -52,7 +52,7 @@ class _Bounded(H11Protocol):
         super().connection_made(transport)
         if words := self._too_many():
             if self.refused.add("too many") == 1:
-                log.warning("a connection is refused: %s (more are only counted)", words)
+                log.warning("a connection is refused: %s (further refusals are counted, not logged)", words)
             transport.write(_REFUSAL)
             transport.close()
         self._look()

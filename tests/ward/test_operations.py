@@ -152,7 +152,7 @@ def it_is_stopped_and_begun_again_with_a_damaged_store(running: Running) -> None
     data[20:24] = b"\xff" * 4
     running.store.write_bytes(data)
     running.ward.start("bridge", "estimator")
-    restored = f"calibration {calibration} of this boot restored"
+    restored = f"calibration {calibration} of this boot was restored"
     wait("the restart", lambda: restored in running.ward.log("estimator"), running.watcher, running.ward)
     ready = (200, "ok\n")
     wait("readiness", lambda: get(running.estimator_port, "/readyz") == ready, running.watcher, running.ward)

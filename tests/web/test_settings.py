@@ -32,7 +32,7 @@ def ward(text: str, folder: Path) -> Ward:
         ("port = 3", "unknown key 'port'"),
         (
             f'people_file = "p.toml"\n[[dashboard.people]]\nname = "nurse"\npassword = "{HASH}"',
-            "move all of them to that file",
+            "both list people: move all people to",
         ),
         (f'[[dashboard.people]]\nname = "a"\nrole = "king"\npassword = "{HASH}"', "unknown value 'king'"),
         (

@@ -47,7 +47,9 @@ def table_of(
         if array.dtype.kind not in "fiu":
             raise RecordingError(f"{path}: {name!r} holds {array.dtype}, but numbers are needed: save it as float64")
     if (size := sum(array.size for array in arrays.values()) * 8) > MAX_BYTES:  # small numbers grow to float64
-        raise RecordingError(f"{path}: its arrays take {size} bytes as float64; at most {MAX_BYTES} are allowed")
+        raise RecordingError(
+            f"{path}: its arrays take {size} bytes as float64; at most {MAX_BYTES} are allowed: split the file"
+        )
     columns = {name: array.astype(np.float64, copy=False) for name, array in arrays.items()}
     for name, factor in (("gyro_rad_s", reading.gyro_factor), ("accel_m_s2", reading.accel_factor)):
         if factor not in (None, 1.0) and name in columns:

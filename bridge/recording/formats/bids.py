@@ -59,7 +59,10 @@ def _channels(path: Path) -> list[Row]:
     with sidecar.open(encoding="utf-8-sig", newline="") as file:
         rows = list(csv.DictReader(file, delimiter="\t"))
     if not rows or not {"name", "type"} <= set(rows[0]):
-        raise RecordingError(f"{sidecar}: the columns name, component, type, tracked_point and units are needed")
+        raise RecordingError(
+            f"{sidecar}: the columns name, component, type, tracked_point and units are needed: copy the file from "
+            "the dataset again"
+        )
     return rows
 
 

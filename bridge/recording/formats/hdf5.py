@@ -108,7 +108,7 @@ def _array(path: Path, dataset: Any) -> Array:
         raise RecordingError(f"{path}: {dataset.name!r} refers to another file: copy the values into this file")
     if dataset.size * dataset.dtype.itemsize > MAX_BYTES:
         raise RecordingError(
-            f"{path}: {dataset.name!r} has {dataset.size} values, more than {MAX_BYTES} bytes: split the file"
+            f"{path}: {dataset.name!r} has {dataset.size} values, which need more than {MAX_BYTES} bytes: split the file"
         )
     array: Array = dataset[()]
     return np.asarray(array)

@@ -43,7 +43,9 @@ def read(path: Path, reading: Reading) -> Table:
             " save arrays of floats with numpy.savez"
         ) from None
     if size > MAX_BYTES:
-        raise RecordingError(f"{path}: the file unpacks to {size} bytes; at most {MAX_BYTES} are allowed")
+        raise RecordingError(
+            f"{path}: the file unpacks to {size} bytes; at most {MAX_BYTES} are allowed: split the file"
+        )
     table = table_of(path, arrays, reading, present)
     table.device, table.boot = origin(device, boot)
     return table

@@ -34,7 +34,9 @@ def read(path: Path, reading: Reading) -> Table:
         if pa.types.is_timestamp(one.type) or pa.types.is_integer(one.type) or pa.types.is_floating(one.type)
     ]
     if (size := file.count_rows() * len(wanted) * 8) > MAX_BYTES:
-        raise RecordingError(f"{path}: the file unpacks to {size} bytes; at most {MAX_BYTES} are allowed")
+        raise RecordingError(
+            f"{path}: the file unpacks to {size} bytes; at most {MAX_BYTES} are allowed: split the file"
+        )
     table = file.to_table(columns=wanted)
     names, columns = list[str](), list[NDArray[np.float64]]()
     for name, column in zip(table.column_names, table.columns, strict=True):

@@ -45,9 +45,11 @@ def read(path: Path, reading: Reading) -> Table:
             missing[0] &= message.angular_velocity_covariance[0] == _MISSING
             missing[1] &= message.linear_acceleration_covariance[0] == _MISSING
     if not stamps:
-        raise RecordingError(f"{path}: no messages of topic {connections[0].topic}: choose another with --device")
+        raise RecordingError(f"{path}: no messages of topic {connections[0].topic}: choose another topic with --device")
     if missing[0]:
-        raise RecordingError(f"{path}: the messages state that they carry no angular velocity: choose another topic")
+        raise RecordingError(
+            f"{path}: the messages state that they carry no angular velocity: choose another topic with --device"
+        )
     notes, times = list[str](), stamps
     if len(set(stamps)) == 1:
         notes.append("the messages have no time stamps: the times of their recording are used")

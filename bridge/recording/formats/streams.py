@@ -17,7 +17,9 @@ def choose(path: Path, streams: Mapping[str, T], device: str | None, what: str) 
     Raises RecordingError, which lists the names, if no single stream is chosen.
     """
     if device is None and len(streams) > 1:
-        raise RecordingError(f"{path}: {len(streams)} {what}; choose one with --device: {', '.join(streams)}")
+        raise RecordingError(
+            f"{path}: the file has {len(streams)} {what}; choose one with --device: {', '.join(streams)}"
+        )
     name = next(iter(streams), "") if device is None else device
     if name not in streams:
         if not streams:
@@ -34,10 +36,10 @@ def choose_boot(path: Path, samples: Sequence[int], boot: int | None, of: str) -
     """
     if boot is None and len(samples) > 1:
         said = ", ".join(f"{at} ({count(n, 'sample')})" for at, n in enumerate(samples, 1))
-        raise RecordingError(f"{path}: {len(samples)} boots of {of}; choose one with --boot: {said}")
+        raise RecordingError(f"{path}: {of} has {len(samples)} boots; choose one with --boot: {said}")
     at = 1 if boot is None else boot
     if not 1 <= at <= len(samples):
-        raise RecordingError(f"{path}: no --boot {at} of {of}: give 1 to {len(samples)}")
+        raise RecordingError(f"{path}: {of} has no boot {at}: give --boot 1 to {len(samples)}")
     if samples[at - 1] < 2:
-        raise RecordingError(f"{path}: {count(samples[at - 1], 'sample')} of {of}; at least 2 are needed")
+        raise RecordingError(f"{path}: boot {at} of {of} has {count(samples[at - 1], 'sample')}; at least 2 are needed")
     return at - 1

@@ -55,7 +55,7 @@ def _check_unpacked(path: Path) -> None:
             size += more
             if size > MAX_BYTES:
                 raise RecordingError(
-                    f"{path}: the file unpacks to more than {MAX_BYTES} bytes, the most that is allowed"
+                    f"{path}: the file unpacks to more than the {MAX_BYTES} bytes that are allowed: split the file"
                 )
 
 

@@ -48,7 +48,7 @@ def read(path: Path, reading: Reading) -> Table:
                 raise RecordingError(f"{path}: most messages cannot be decoded: give a file of an x-IMU3's data logger")
     undecoded = ", ".join(f"{n} {label.replace('_', ' ')}" for label, n in faults.as_dict().items() if n)
     if not times_us:
-        raise RecordingError(f"{path}: no inertial message of an x-IMU3 is in the file{undecoded and f': {undecoded}'}")
+        raise RecordingError(f"{path}: the file has no inertial message of an x-IMU3{undecoded and f': {undecoded}'}")
     times, rows = np.array(times_us), np.array(numbers).reshape(-1, 7)
     columns = {
         "t_s": (times - times[0]).astype(np.int64) * 1e-6,

@@ -155,7 +155,7 @@ def _agreed(path: Path, layout: Layout, triples: list[Triple], read: Read) -> Fl
         if not np.allclose(read.vector(triple), first_values, rtol=0.0, atol=_AGREED * most, equal_nan=True):
             first, second = (layout.names[one.at[0]] for one in (triples[0], triple))
             raise RecordingError(
-                f"{path}: {first!r} and {second!r} differ by more than their units; choose one with --columns "
+                f"{path}: {first!r} and {second!r} differ even in the same unit; choose one with --columns "
                 f"{','.join(layout.names[at] for at in triples[0].at)}"
             )
     return first_values

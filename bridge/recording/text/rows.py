@@ -82,7 +82,7 @@ def read_rows(path: Path, blocks: Iterable[list[str]], layout: Layout, columns: 
         read.lines.append(numbers)
         n += len(part)
         if n > _MOST:
-            raise RecordingError(f"{path}: more than {count(_MOST, 'row')}: split the file")
+            raise RecordingError(f"{path}: the file has more than {count(_MOST, 'row')}: split the file")
     read.numbers = np.empty((n, len(columns)))
     while parts:  # each part is freed once it is copied
         part = parts.pop()

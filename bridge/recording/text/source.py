@@ -33,7 +33,9 @@ def blocks(path: Path) -> Iterator[list[str]]:
         while block := text.read(BLOCK):
             size += len(block)
             if size > MAX_TEXT_BYTES:
-                raise RecordingError(f"{path}: more than {MAX_TEXT_BYTES >> 20} MB of text: split the file")
+                raise RecordingError(
+                    f"{path}: the file has more than {MAX_TEXT_BYTES >> 20} MB of text: split the file"
+                )
             lines = (rest + block.replace("\0", "")).split("\n")
             rest = lines.pop()
             if len(rest) > MAX_LINE:

@@ -114,7 +114,7 @@ _BEFORE = {
 _LIMIT = {
     "name": "limit",
     "in": "query",
-    "description": "most calibrations in one answer",
+    "description": "largest number of calibrations in one answer",
     "schema": {"type": "integer", "minimum": 1, "maximum": MOST, "default": PAGE},
 }
 

@@ -143,7 +143,7 @@ DEVICE = (
         ),
         (
             DEVICE + 'id = "d2"\ndriver = "native"\nport = "p"',
-            "[bridge]: devices 'd1' and 'd2' have the same port 'p': give each its own",
+            "[bridge]: devices 'd1' and 'd2' have the same port 'p': give each device its own port",
         ),
         (
             DEVICE + 'id = "d2"\ndriver = "native"\nport = "q"\nbaud = -9600',

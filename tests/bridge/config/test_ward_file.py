@@ -148,7 +148,12 @@ def test_what_is_no_file_of_a_ward_is_refused_without_reading_on(change: Change,
         with change.path.open("wb") as file:
             file.truncate(MAX_BYTES + 1)
     assert change.after_a_while() is None
-    said = {"pipe": "a pipe or a device", "device": "a pipe or a device", "folder": "a folder", "huge": "larger than"}
+    said = {
+        "pipe": "a pipe or a device",
+        "device": "a pipe or a device",
+        "folder": "a folder",
+        "huge": "the file has more than",
+    }
     assert said[kind] in change.said
     assert digest_of(change.path) == ""
     change.path.rmdir() if kind == "folder" else change.path.unlink()

@@ -31,7 +31,7 @@ def test_a_place_that_is_no_folder_cannot_be_written_to(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     level, said, do = only(machine.disk({"recordings": tmp_path / "file" / "x"}))
     assert (level, said) == (Level.TROUBLE, f"{tmp_path}/file is a file, not a folder")
-    assert "choose another place" in do
+    assert "choose another folder" in do
     assert only(machine.disk({"store": tmp_path}))[1].startswith(str(tmp_path))
 
 

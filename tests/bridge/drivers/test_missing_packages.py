@@ -29,4 +29,4 @@ def test_what_it_needs_is_said() -> None:
     mavlink, lsl, ble = ran.stdout.strip().splitlines()
     assert "pip install 'truerate[mavlink]'" in mavlink
     assert "pip install 'truerate[lsl]'" in lsl
-    assert ble == "port 'ble://C4:64:E3:12:34:56/ffe4' needs pip install 'truerate[ble]'"
+    assert ble == "port 'ble://C4:64:E3:12:34:56/ffe4' needs another package: pip install 'truerate[ble]'"

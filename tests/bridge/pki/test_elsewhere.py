@@ -88,7 +88,7 @@ def for_a_viewer(pki: Path) -> Identity:
         (no_certificate, "not a PEM certificate"),
         (pipe_for_a_key, "a pipe or a device"),
         (endless_certificate, "a pipe or a device"),
-        (huge_certificate, "larger than"),
+        (huge_certificate, "the file has more than"),
         (anybodys_authority, "ca.pem: every user of this machine can change it"),
         (anybodys_folder, "pki: every user of this machine can change it"),
         (for_a_viewer, "for viewer:hall, but this program is a bridge"),

@@ -80,7 +80,7 @@ def test_a_revoked_name_is_listed_and_never_used_again(pki: Path, capsys: pytest
     assert run(pki, "renew", "bridge:b1") == 2
     capsys.readouterr()
     assert run(pki, "issue", "bridge:b1") == 0
-    assert "bridge:b1:2: the name is new. Enter the new files in [bus]" in capsys.readouterr().out
+    assert "bridge:b1:2: the name is new. Enter the new certificate and key in [bus]" in capsys.readouterr().out
     assert run(pki, "revoke", "bridge:b1", "--reason", "again") == 0
     assert run(pki, "issue", "bridge:b1") == 0
     capsys.readouterr()

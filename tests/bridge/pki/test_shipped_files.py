@@ -72,7 +72,7 @@ BREAKS = [
     ('"enabled": false,\n    "permissions"', '"enabled": true,\n    "permissions"', "adminspace.enabled is true"),
     ('"gossip": {"enabled": false}', '"gossip": {"enabled": true}', "scouting.gossip.enabled is true"),
     ('"gossip": {"enabled": false}', '"gossip": {}', "scouting.gossip.enabled is"),
-    ('"mode": "router"', '"mode": "peer"', 'mode is "peer"; `truerate pki router` writes "router"'),
+    ('"mode": "router"', '"mode": "peer"', 'mode is "peer", but "router" is expected'),
     ('"listen_private_key": "/etc/truerate/pki/router.router-3.key",', "", "and listen_private_key are needed"),
     ('"enable_mtls": true', '"enable_mtls": false', "transport.link.tls.enable_mtls is false"),
     ('"close_link_on_expiration": true', '"close_link_on_expiration": false', "close_link_on_expiration is false"),
@@ -88,7 +88,7 @@ BREAKS = [
     (
         '"size_limit": 65536',
         '"size_limit": 65537',
-        "low_pass_filter[size].size_limit is 65537; `truerate pki router` writes 65536",
+        "low_pass_filter[size].size_limit is 65537, but 65536 is expected",
     ),
     ('"flows": ["egress"],', "", ".flows is"),
     ('"wait_before_close": 100000', '"wait_before_close": 5000000', "wait_before_close is 5000000"),

@@ -154,9 +154,9 @@ def own_for_authority(files: Files) -> None:
         (unknown, "ROUTER has no rules for bridge:b1 in ward 'w'"),
         (another_ward, "has no rules for bridge:b1 in ward 'w2' (only rules for bridge:b1 in ward w)"),
         (own_for_authority, "the certificate of 'bridge:b1' is not an authority's"),
-        (not_let_in, "refuses bridge:b1, viewer:hall, which the rules name"),
-        (one_of_its_two_files, "accepts bridge:b1, which the rules lack"),
-        (one_of_its_two_files, "refuses bridge:b1:2, which the rules name"),
+        (not_let_in, "refuses bridge:b1, viewer:hall, although access rules name them"),
+        (one_of_its_two_files, "accepts bridge:b1, but has no access rules for them"),
+        (one_of_its_two_files, "refuses bridge:b1:2, although access rules name them"),
     ],
 )
 def test_what_does_not_go_together_is_said(

@@ -233,8 +233,8 @@ def test_a_wards_recording_is_a_recording(tmp_path: Path) -> None:
     for kwargs, words in (
         ({}, "2 devices; choose one with --device: one, two"),
         ({"device": "three"}, "no samples of --device 'three'; choose from one, two"),
-        ({"device": "two"}, "2 boots of two; choose one with --boot: 1 (60 samples), 2 (70 samples)"),
-        ({"device": "two", "boot": 3}, "no --boot 3 of two: give 1 to 2"),
+        ({"device": "two"}, "two has 2 boots; choose one with --boot: 1 (60 samples), 2 (70 samples)"),
+        ({"device": "two", "boot": 3}, "two has no boot 3: give --boot 1 to 2"),
     ):
         with pytest.raises(RecordingError) as refused:
             load(several, **kwargs)

@@ -109,10 +109,10 @@ def test_what_is_wrong_is_said(two: tuple[Path, Path], tmp_path: Path, capsys: p
     out = str(tmp_path / "walk.sto")
     for words, told in (
         ([str(bare), out], "no orientation: `truerate correct"),
-        ([str(short), out], "'quat_wxyz' has shape (8, 4); (9, 4) numbers are needed"),
+        ([str(short), out], "'quat_wxyz' has shape (8, 4); numbers of shape (9, 4) are needed"),
         ([hinge, hinge, out], "'knee' is in two of the files"),
         ([hinge, str(later), out], "no time in common"),
-        ([hinge, out, "--segment", "hip=femur_r"], "no orientation of device 'hip'; there are: knee"),
+        ([hinge, out, "--segment", "hip=femur_r"], "no orientation of device 'hip'; devices with orientation: knee"),
         ([hinge, torn, out, "--segment", "wrist-left=knee"], "two devices are on 'knee'"),
         ([hinge, out, "--segment", "knee"], "give DEVICE=BODY"),
         ([hinge, out, "--skip", "6"], "no time in common after --skip 6"),

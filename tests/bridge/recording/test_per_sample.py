@@ -158,14 +158,14 @@ def test_what_is_not_possible_is_said(
 ) -> None:
     out = str(session.with_name("out.mcap"))
     assert main(["recording", "convert", str(session), str(session.with_name("o.npz")), "--per-sample"]) == 2
-    assert "only a .mcap holds --per-sample messages" in capsys.readouterr().err
+    assert "--per-sample messages need a .mcap file" in capsys.readouterr().err
     assert main(["recording", "convert", str(recorded), out, "--per-sample", "--device", "nobody"]) == 1
     assert "nothing of --device 'nobody'" in capsys.readouterr().err
     monkeypatch.setitem(sys.modules, "rosbags", None)
     assert main(["recording", "convert", str(session), out, "--per-sample"]) == 2
-    assert "--per-sample needs pip install 'truerate[ros]'" in capsys.readouterr().err
+    assert "--per-sample needs another package: pip install 'truerate[ros]'" in capsys.readouterr().err
     assert main(["record", "--ward", "w", "--per-sample"]) == 2
-    assert "per_sample needs pip install 'truerate[ros]'" in capsys.readouterr().err
+    assert "per_sample needs another package: pip install 'truerate[ros]'" in capsys.readouterr().err
 
 
 def rows(join: ImuJoin, *said: Any, now_s: float = 0.0) -> list[ImuRows]:

@@ -69,7 +69,7 @@ def test_coarsely_rounded_times_have_the_rate_that_they_were_sampled_at(
         ({"gyro_rad_s": GYRO, "rate_hz": [1.0]}, "'rate_hz' has shape (1,): give ()"),
         ({"gyro_rad_s": np.where(GYRO == 7, np.nan, GYRO), "rate_hz": 1.0}, "not a finite number at sample 2 (1 such"),
         ({"gyro_rad_s": GYRO, "rate_hz": np.inf}, "'rate_hz' is not a finite number"),
-        ({"gyro_rad_s": GYRO, "rate_hz": -5.0}, "the given rate is -5 Hz: give --rate-hz from 1 to 20000"),
+        ({"gyro_rad_s": GYRO, "rate_hz": -5.0}, "the stated rate is -5 Hz: give --rate-hz from 1 to 20000"),
         ({"gyro_rad_s": GYRO[:1], "rate_hz": 1.0}, "1 sample; at least 2"),
         ({"gyro_rad_s": GYRO}, "neither sample times nor 'rate_hz': give the rate with --rate-hz"),
         (

@@ -35,7 +35,7 @@ def test_a_router_is_waited_for_and_its_absence_said_once(caplog: pytest.LogCapt
     assert bus.connected
     assert coming.tries == 3
     assert time.monotonic() - began < 60.0
-    assert [record.message for record in caplog.records] == ["no router at here; waiting for it"]
+    assert [record.message for record in caplog.records] == ["no router at here; trying again until a router answers"]
 
 
 def test_who_is_not_patient_hears_at_once() -> None:
@@ -84,7 +84,7 @@ def test_a_second_bridge_of_one_name_is_refused_and_another_told_of(monkeypatch:
 
         return others, startup.claim_id(MemoryBus(broker), "w", "bridge", own, another, lambda: told.wait(60))
 
-    with pytest.raises(BusError, match="another bridge b1 already serves ward w: stop it, or give this one another id"):
+    with pytest.raises(BusError, match="another bridge b1 already serves ward w: stop that bridge, or"):
         claim("b1")
     others, claimed = claim("b3")
     claimed.close()

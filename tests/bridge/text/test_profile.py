@@ -57,7 +57,7 @@ def samples(of: Profile, text: str, rate_hz: float = 0.0) -> tuple[list[Readings
         (('"dps"', '"dps"\n[time]\ncolumn = "t"\nunit = "ms"\nbits = 3'), r"\[time\]: bits is 3"),
         (('"dps"', '"dps"\n[temperature]\ncolumn = "t"\nscale = nan'), r"\[temperature\]: scale is nan"),
         (('"dps"', '"dps"\n[temperature]\ncolumn = "t"\noffset_c = inf'), r"\[temperature\]: offset_c is inf"),
-        (('"dps"', '"dps"\n[regex]\nmatch = "(?P<gx>.)"'), "one of the tables"),
+        (('"dps"', '"dps"\n[regex]\nmatch = "(?P<gx>.)"'), "exactly one of these tables"),
         (("[device]", "banners = ['(']\n[device]"), r"banners: '\(' is not a regular expression"),
         (
             ("[device]", "banners = ['v(?P<firmwear>.*)']\n[device]"),

@@ -132,7 +132,7 @@ def test_addresses() -> None:
     assert parsed("c4:64:e3:12:34:56/FFE4") == ("C4:64:E3:12:34:56", f"0000ffe4{BASE}", "")
     long = "6e400003-b5a3-f393-e0a9-e50e24dcca9e"
     assert parsed(f"C4:64:E3:12:34:56/{long}?write=ffe9")[1:] == (long, f"0000ffe9{BASE}")
-    assert address.state("ble://C4:64:E3:12:34:56/ffe4") == "searched for only when opened"
+    assert address.state("ble://C4:64:E3:12:34:56/ffe4") == "not checked before the port is opened"
 
 
 @pytest.mark.parametrize(

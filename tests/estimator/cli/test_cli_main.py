@@ -186,7 +186,7 @@ def test_a_study_of_the_paper_needs_a_scenario_it_can_read(tmp_path: Path, capsy
     for text, said in (
         (shipped + "\nnoise = 1\n", "unknown key 'noise'; did you mean 'noise_dps'?"),
         (shipped.replace("runs = 15000", "runs = 0"), "runs is 0; allowed: 1 or more"),
-        (shipped.replace("[5.5e-3, 2.5e-2]", "[5.5e-3]"), "paper_band has 1 numbers and noise_dps 2"),
+        (shipped.replace("[5.5e-3, 2.5e-2]", "[5.5e-3]"), "paper_band has 1 numbers, but noise_dps has 2"),
     ):
         own.write_text(text, encoding="utf-8")
         assert main(["study", "errors", "--config", str(own), "--out", str(tmp_path)]) == 2

@@ -100,7 +100,7 @@ def test_it_says_in_words_what_became_of_it(recorded: Path, tmp_path: Path, caps
     assert f"{len(recording)} samples" in printed
     assert "as in a live ward" in printed
     assert "GOOD" in printed
-    assert "TURNING -> TRACKING: The device is calibrated. Three turns closed to" in printed
+    assert "TURNING -> TRACKING: The device is calibrated. The closure error of the three turns is" in printed
     assert "temperature: 25.0 to" in printed
     assert f"written: {tmp_path / 'c.npz'}" in printed
     assert err == "", "no bar where there is no terminal"

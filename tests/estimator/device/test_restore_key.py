@@ -20,8 +20,8 @@ from tests.sentences import codes, free
 OTHERS: list[tuple[dict[str, Any], str]] = [
     ({"firmware": "2.0"}, "The firmware is 2.0; it was 1.0"),
     ({"model": "n"}, "The model is n; it was m"),
-    ({"gyro_range": 4.36}, "The range is 4.36 rad/s. The calibration was made at 8.7 rad/s"),
-    ({"rate_hz": 208.0, "has_clock": False}, "The rate is 208 Hz. The calibration was made at 104 Hz"),
+    ({"gyro_range": 4.36}, "The full-scale range is 4.36 rad/s. The calibration was made at 8.7 rad/s"),
+    ({"rate_hz": 208.0, "has_clock": False}, "The sample rate is 208 Hz. The calibration was made at 104 Hz"),
 ]
 
 

@@ -220,7 +220,7 @@ def test_a_program_takes_the_newest_certificate_of_its_role(init: Installed) -> 
     assert Path(recorder.certificate).name == "recorder.recorder-1.2.pem"
     with pytest.raises(ConfigError, match=r"no certificate for bridge:bridge-9\. Run truerate pki issue bridge:"):
         bus.routers_as(Role.BRIDGE, name="bridge-9")
-    with pytest.raises(ValueError, match="not both"):
+    with pytest.raises(ValueError, match="pki is given together with"):
         Bus(connect=("tls/a:1",), pki="pki", ca="ca.pem")
 
 

@@ -102,7 +102,7 @@ def test_a_steady_drift_is_no_random_walk() -> None:
 
 
 def test_few_rates_are_refused() -> None:
-    with pytest.raises(ValueError, match="95 rates are given; at least 96"):
+    with pytest.raises(ValueError, match="95 rates are given; at least 96 rates are needed"):
         identify(np.zeros(95), 10.0)
 
 

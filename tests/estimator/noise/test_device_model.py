@@ -58,7 +58,7 @@ def changed(tmp_path: Path, old: str, new: str) -> Path:
         ("= 0.015", "= 0", ["[gyro]", "arw_dps_per_sqrt_hz is 0: use a number above 0"]),
         ("= 0.0007", "= -1", ["[gyro]", "rrw_dps_per_sqrt_s is -1: use a number above 0"]),
         ("= 0.05 ", "= nan ", ["[gyro]", "bias_dps_per_kelvin is nan"]),
-        ('"generic"', '"two\\nlines"', ["model is", "a name is expected"]),
+        ('"generic"', '"two\\nlines"', ["model is", "give a printable name"]),
         ("zero_g_mg", "zero_g", ["[accel]", "'zero_g'", "'zero_g_mg'"]),
     ],
 )

@@ -77,7 +77,7 @@ def without(name: str) -> Callable[[Json], object]:
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (put(format="other"), "format 'other'"),
+        (put(format="other"), "the format is 'other'"),
         (put(version=2), "version 2; 'truerate calibration', version 1, is expected"),
         (
             put(verdict="repeat", reason=[{"code": "turns_undetermined"}]),

@@ -209,9 +209,9 @@ def test_of_a_boot_that_is_known_to_be_another_it_is_no_more_than_that_and_of_an
     assert correct(replace(of, boot=0), known).quality[0] > Quality.PRIOR, "a boot that is not known is no other"
     found = correct(replace(of, boot=2), known)
     assert found.quality[0] == Quality.PRIOR
-    assert "of boot 0000000000000001, but chest is of boot 0000000000000002" in found.said[0]
+    assert "of boot 0000000000000001, but recording chest is of boot 0000000000000002" in found.said[0]
     assert same(replace(found, said=found.said[1:]), correct(of, known, other_boot=True))
-    with pytest.raises(RecordingError, match="is of chest, the recording chest of wrist"):
+    with pytest.raises(RecordingError, match="is of chest, but recording chest is of wrist"):
         correct(replace(of, device="wrist"), known, other_boot=True)
 
 
@@ -248,7 +248,7 @@ def test_the_example_of_the_readme_runs(
     monkeypatch.chdir(tmp_path)
     exec(compile(code, str(README), "exec"), {})
     printed = capsys.readouterr().out
-    assert printed.startswith("ACCEPTED Three turns closed to ")
+    assert printed.startswith("ACCEPTED The closure error of the three turns is ")
     assert 70 <= int(printed.split("% good")[0].rsplit("\n", 1)[-1]) <= 100
 
 

@@ -199,7 +199,7 @@ ASKED = {
     "two units that disagree": (
         ["t_s,gyro_x_rad_s,gyro_y_rad_s,gyro_z_rad_s,gx_dps,gy_dps,gz_dps"],
         table([TIME, GYRO, GYRO]),
-        "differ by more than their units; choose one with --columns gx_dps,gy_dps,gz_dps",
+        "differ even in the same unit; choose one with --columns gx_dps,gy_dps,gz_dps",
         Reading(columns=("gx_dps", "gy_dps", "gz_dps")),
     ),
     "two times that disagree": (
