@@ -120,7 +120,7 @@ def test_a_device_page_offers_only_what_can_be_done(
 
 def test_a_report_tells_why_a_device_that_tracks_needs_a_person() -> None:
     (need,) = summary(known(said("a"), about("a", battery_percent=9.0)), 100.0, EN)["needs"]
-    assert (need["advice"], need["reason"]) == ("Charge its battery.", "The battery is at 9 %: charge it.")
+    assert (need["advice"], need["reason"]) == ("Charge its battery.", "The battery is at 9 %: charge the device.")
     (need,) = summary(known(said("a", State.BIAS_ONLY, reason=(Code.TURN_NOW(axes="x"),))), 100.0, EN)["needs"]
     assert (need["advice"], need["reason"]) == ("Calibrate it with three turns.", "")
 
