@@ -162,9 +162,10 @@ class Playback:
         return max(0.0, float(self._takes[self._at].due_s[self._next]) / self._speed - elapsed_s)
 
     def due(self, elapsed_s: float, receive_time_ns: int) -> list[Event]:
-        """Return the events of one boot that are due: runs of consecutive samples, preceded by the identity at the boot's start.
+        """Return the events due in the boot being played: runs of consecutive samples; at its start, the identity first.
 
-        Returns [] if no sample is due. elapsed_s: host time since the start of the playback, s.
+        Samples of the next boot come with a later call. Returns [] if no sample is due.
+        elapsed_s: host time since the start of the playback, s.
         receive_time_ns: receive time to give to the readings, ns since the Unix epoch.
         """
         if self.over or self.wait_s(elapsed_s):

@@ -102,8 +102,8 @@ class Stretch:
     axis (3,): unit vector in earth axes about which the platform (bed, chair, floor) turns.
     goes (m, 4): turns of the platform; per row begin s, end s, angle rad, and ramp s to reach the constant rate.
     sway: oscillating rotation vector, rad, sensor axes. bounce: oscillating velocity, m/s: ahead, left, up.
-    speed: forward speed, m/s. ticks: knocks from outside. fade_s: sway, velocity and knocks fade in and out within
-    this time, so that all are zero at both ends.
+    speed: forward speed, m/s. ticks: knocks from outside, a Ticks object.
+    fade_s: sway, velocity and knocks fade in and out within this time, so that all are zero at both ends.
     """
 
     activity: Activity

@@ -192,7 +192,7 @@ def state(address: str) -> str:
 
 
 def reach() -> str:
-    """Return in a few words if BLE can be used: `not checked before the port is opened`, or how to install the missing packages."""
+    """Return in a few words if BLE can be used: `not checked before the port is opened`, or the missing packages."""
     return "not checked before the port is opened" if ble_radio.available() else ble_radio.NEEDS
 
 

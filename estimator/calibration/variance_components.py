@@ -50,7 +50,7 @@ class Linear:
         return -fit - size - float(np.sum(((log_s - _PRIOR_MEAN) / _PRIOR_STD) ** 2)) / 2
 
     def likeliest(self) -> Floats:
-        """Most likely log s (c,) of the c error kinds, by Fisher scoring."""
+        """Return log s (c,) with the highest posterior, by Fisher scoring. s: scale of each error kind, without unit."""
         log_s = _PRIOR_MEAN.copy()
         prior = np.diag(1 / _PRIOR_STD**2)
         for _ in range(_STEPS):

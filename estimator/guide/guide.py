@@ -96,6 +96,8 @@ class Guide:
         self._asked: tuple[int, Picture] | None = None
         #: axis of the last attempt; where that failed, it is asked for again
         self._tried: int | None = None
+        #: by axis, how the device was turned in each accepted turn that the guide followed
+        self._made: dict[int, Picture] = {}
 
     def take_samples(self, batch: SampleBatch) -> None:
         """Process a batch of the device's raw readings, in order, to follow its rests, turns and attitude."""
@@ -114,6 +116,9 @@ class Guide:
         if status.boot and status.boot != self._boot:
             self._rebooted |= self._turned
             self._boot, self._sides, self._turned, self._tried = status.boot, (), False, None
+            self._made = {}
+        if before is not None and before.state in CALIBRATING:
+            self._keep_ways(before, status)
         if status.axes_done and self._rebooted:
             self._rebooted = False
         if before is not None and before.state is State.AWAITING_STILL and status.state is State.BIAS_ONLY:
@@ -126,14 +131,22 @@ class Guide:
         if begins or not self._began:
             self._began, self._before = True, status.calibration
         if begins:
-            self._sides, self._tried = (), None
+            self._sides, self._tried, self._made = (), None, {}
             self.hand.begin_rest()  # rest before the calibration began does not count
 
     def told(self) -> Instruction:
         """Return the present instruction for the person."""
         sides = self._sides if self.method in BY_MOVEMENTS else None
-        ways = self._way(0), self._way(1), self._way(2)
+        ways = self._made.get(0, self._way(0)), self._made.get(1, self._way(1)), self._made.get(2, self._way(2))
         return replace(self._now(), rebooted=self._rebooted, ways=ways, sides=sides)
+
+    def _keep_ways(self, before: Status, status: Status) -> None:
+        """Keep how the device was turned about each axis done since the status `before`: it may be laid otherwise now."""
+        over = status.state in _CALIBRATED
+        accepted = range(3) if over else status.axes_done
+        new = [axis for axis in accepted if over or axis not in before.axes_done]
+        kept = {axis: way for axis, way in self._made.items() if axis in accepted}
+        self._made = {axis: self._way(axis) for axis in new} | kept
 
     def _now(self) -> Instruction:
         status = self._status

@@ -60,7 +60,7 @@ class Instruction:
     laid: the device was only laid on another face, which is no fault.
     sides: for methods by movements, sides on which the device has rested: 2 × axis, plus 1 if the axis points down.
     None for methods by turns.
-    ways: for each axis, the picture of how to turn the device about it.
+    ways: for each axis, the picture of how to turn the device about it; for a turn that is done, of how it was turned.
     """
 
     step: Step

@@ -62,12 +62,14 @@ def calibrate(
 ) -> tuple[Result, list[str]]:
     """Calibrate a gyro from a recording: returns the result, and the reasons why movements were not used.
 
+    method: `closure` (default) or `turn360`, from three full turns by hand; `transitions` or `accel_aided`, from any
+    movements between rests; `turntable` or `servomotor`, from turns at known rates. See docs/method.md.
     gyro_range: full-scale range, rad/s; 0 when unknown. Readings at 99 % of it count as clipped.
-    rates: known rates of a machine, rad/s, for the methods that need them.
+    rates: known rates of the machine, rad/s, for `turntable` and `servomotor`.
     knobs: settings of the device's kind, by default of an unknown device; the calibration method in `knobs` is ignored.
 
-    The result is the first accepted calibration, otherwise the last attempt. Methods that work on whole movements use
-    the entire recording at once. The accelerometer is calibrated from all rests of the recording.
+    The result is the first accepted calibration, otherwise the last attempt. `transitions`, `accel_aided`, `turntable`
+    and `servomotor` use the entire recording at once. The accelerometer is calibrated from all rests of the recording.
     """
     knobs = knobs or SessionKnobs()
     samples = Samples(recording.time_s, recording.gyro, recording.accel, flags_of(recording, gyro_range) & UNFIT != 0)
@@ -137,13 +139,16 @@ def correct(
     batch.
 
     Without `calibration`, the first of these that exists is used:
+
     - the last calibration in `Recording.made` from before the recording;
-    - the first calibration whose turns are in the recording, from that point on;
+    - the calibration from the first three full turns in the recording. Earlier rows get the bias alone;
     - the first calibration in `Recording.made`.
 
-    Readings within `knobs.warming_s` seconds after a boot are not used, so a turn at that time is lost. If turns are
-    found but give no calibration, and `Recording.told` is None, the time of the boot is unknown. The recording is then
-    corrected again with all readings, as if the device had been on before.
+    If there is none, all rows get the bias alone. `CorrectedRecording.quality` tells for each row what was known.
+
+    The live service ignores readings within `knobs.warming_s` seconds after a boot. A recording without
+    `Recording.told` does not show when the boot was. If its turns give no calibration, it is corrected a second time
+    without ignoring the first seconds.
 
     Raises RecordingError if a reading is beyond the range, if there is nothing to smooth, or if the calibration belongs
     to another device.

@@ -155,8 +155,8 @@ class TrackedBias:
     def bias(self) -> Floats:
         """Estimated bias (3,), the reading at zero rate, rad/s.
 
-        Until this boot has evidence for an axis, a bias from the gyro model alone changes little there: see
-        usual_bias.py.
+        While the bias of an axis is still the prior of the gyro model, measurements move this axis only a little
+        (see usual_bias.py).
         """
         return self._usual(self._filter)
 

@@ -9,11 +9,11 @@ from estimator.geometry.gyro_model import AXES
 from estimator.guide.comparison import bias_moves
 from estimator.language.texts import Texts
 from estimator.noise.device_model import model_stated
-from estimator.overview.ward import ENDED, SILENT, UNKNOWN
+from estimator.overview.ward import ENDED, SILENT, UNKNOWN, DeviceRow
 from estimator.web import number_format as words
 from estimator.web.device_trail import Mark
 from estimator.web.guide_view import can_cancel, rows
-from estimator.web.tiles import Tile, tile, troubles
+from estimator.web.tiles import Tile, failed, tile, troubles
 from estimator.web.ward_state import Known, Story
 
 _RECALIBRATES = (State.TRACKING, State.DEGRADED)
@@ -29,8 +29,8 @@ Line = tuple[str, str, str]
 class DevicePage:
     """Content of a device's page in one language, without its live charts.
 
-    progress: of the calibration, 0 to 1. can_calibrate: True if turns of the device would be noticed. blocked: why no
-    command can be given, or empty.
+    progress: of the calibration, 0 to 1. guide: text of the link to the guide. can_calibrate: True if turns of the
+    device would be noticed. blocked: why no command can be given, or empty.
     facts: (name, value) of hardware and counts. calibrations: for each, whether it is in use, and the texts of its
     table row. boots, notes, events: for each, three texts. All four lists have the newest first.
     """
@@ -40,6 +40,7 @@ class DevicePage:
     tile: Tile
     placement: Placement
     progress: float
+    guide: str
     can_calibrate: bool
     can_recalibrate: bool
     can_cancel: bool
@@ -68,6 +69,7 @@ def device_page(known: Known, device: str, now: float, now_ns: int, t: Texts, to
         tile=shown,
         placement=row.placement or Placement(),
         progress=status.progress if status else 0.0,
+        guide=t("device.go_on" if _under_way(row, story) else "device.guide"),
         can_calibrate=row.state not in _UNSEEN,
         can_recalibrate=not deaf and status is not None and status.state in _RECALIBRATES,
         can_cancel=not deaf and can_cancel(status),
@@ -78,6 +80,11 @@ def device_page(known: Known, device: str, now: float, now_ns: int, t: Texts, to
         notes=[(words.clock(n.time_ns), n.who, n.text) for n in reversed(story.notes)],
         events=[_event(mark, t) for mark in sorted(story.trail.marks, key=lambda mark: -mark.time_ns)[:20]],
     )
+
+
+def _under_way(row: DeviceRow, story: Story) -> bool:
+    """Return whether a person has begun to turn the device, even if no turn counts yet."""
+    return row.state == "turning" or (row.state == "bias only" and failed(story))
 
 
 def _calibration(c: Calibration, story: Story, t: Texts) -> tuple[str, ...]:

@@ -200,8 +200,8 @@ def _turns(told: Instruction, t: Texts) -> list[Turn]:
     for axis in (*told.done, *told.needed):
         mark = "done" if axis in told.done else "now" if turning and axis == told.axis else "next"
         picture = told.ways[axis]
-        # How a finished turn was made is unknown: only the posture at that time could show it.
-        how = "" if mark == "done" or told.step in _OVER else t(f"guide.{picture}")
+        # How an earlier calibration was made is unknown: only the posture at that time could show it.
+        how = "" if told.step is Step.IDLE or told.sides is not None else t(f"guide.{picture}")
         found.append(Turn(AXES[axis], picture, mark, how, t(f"guide.{mark}")))
     return sorted(found, key=lambda turn: (bool(turn.how) and turn.picture != Picture.FLAT, turn.axis))
 

@@ -8,7 +8,7 @@ from bridge.reasons.codes import Code, Sentences
 from bridge.wire.messages import Alert, Placement
 from estimator.alerts.outbox import sentence
 from estimator.geometry.gyro_model import AXES
-from estimator.guide.guide import CALIBRATING
+from estimator.guide.guide import CALIBRATING, wrong_in
 from estimator.language.texts import Texts
 from estimator.overview.ward import ENDED, SILENT, TRACKING, UNKNOWN, URGENCY, DeviceRow, to_calibrate
 from estimator.web import number_format
@@ -220,9 +220,16 @@ def advice(row: DeviceRow, story: Story, t: Texts) -> str:
     key, done = row.state.replace(" ", "_"), len(story.status.axes_done) if story.status else 0
     if row.state == TRACKING and row.needs_person:
         key = "charge" if row.low_battery else "bad_samples"
+    elif row.state in ("bias only", "turning") and failed(story):
+        key = "again"
     elif row.state in ("awaiting still", "bias only") and rebooted(story):
         key = "rebooted"
     return t(f"tile.{key}", done=done)
+
+
+def failed(story: Story) -> bool:
+    """Return whether the last turn of a device does not count, so that it has to be repeated."""
+    return story.status is not None and bool(wrong_in(story.status.reason))
 
 
 def explained(reason: Sentences) -> Sentences:

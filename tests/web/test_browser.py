@@ -469,10 +469,26 @@ def test_a_page_of_a_device_gives_one_order_and_offers_what_can_be_done(page: Pa
     for button in ("Recalibrate", "Cancel the calibration"):
         expect(page.get_by_role("button", name=button)).to_be_hidden()
     expect(page.locator("#blocked")).to_be_empty()
+    wearer = page.get_by_label("Bed or pseudonym")
+    expect(wearer).to_have_accessible_description("such as bed-3 or P07; never a patient's name")
+    # The hint stands under its own field, whatever the width.
+    for width in (1280, 700, 320):
+        page.set_viewport_size({"width": width, "height": 900})
+        page_state.wait_for(page, f"document.documentElement.scrollWidth <= {width}")
+        field, hint, label = (
+            page.locator(one).bounding_box() for one in ("[name=wearer]", "#wearer-hint", ".wearer label")
+        )
+        assert field is not None
+        assert hint is not None
+        assert label is not None
+        assert 0 <= hint["y"] - (field["y"] + field["height"]) < 16
+        assert abs(hint["x"] - label["x"]) <= 1
+    page.set_viewport_size({"width": 1280, "height": 900})
     expect(page.locator(".progress")).to_be_hidden()
     site.talk(said(new, State.TURNING, boot=5, time_ns=now_ns(), axes_done=(0, 2)))
     expect(page.locator(".state .turns")).to_have_text("(x, z done)")
     expect(page.locator(".progress")).to_be_visible()
+    expect(page.get_by_role("link", name="Go on, step by step")).to_be_visible()
     expect(page.get_by_role("button", name="Cancel the calibration")).to_be_visible()
     site.talk(tracking(new))
     expect(page.get_by_role("button", name="Cancel the calibration")).to_be_hidden()

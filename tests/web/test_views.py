@@ -71,6 +71,26 @@ def test_a_tile_gives_one_order(state: State, reason: tuple[Sentence, ...], expl
     assert (tile.reason, tile.calibrate) == (explained, calibrate)
 
 
+_HALF = (Code.TURN_TOO_SHORT(angle_deg="153"), Code.TURNS_NEEDED(axes="x, y"))
+
+
+@pytest.mark.parametrize(
+    ("state", "reason", "done", "advice", "guide"),
+    [
+        (State.BIAS_ONLY, (Code.TURN_NOW(axes="x, y, z"),), (), "Calibrate it with three turns.", "Calibrate"),
+        (State.BIAS_ONLY, _HALF, (), "Again: one whole turn. 0 of 3 turns are done.", "Go on"),
+        (State.TURNING, _HALF, (2,), "Again: one whole turn. 1 of 3 turns are done.", "Go on"),
+        (State.TURNING, (Code.TURN_TAKEN(axis="x"), Code.TURNS_NEEDED(axes="y"), *_HALF[:1]), (0, 2),
+         "Go on turning it: 2 of 3 turns are done.", "Go on"),
+    ],
+)  # fmt: skip
+def test_the_order_after_a_failed_turn_is_to_repeat_it(
+    state: State, reason: tuple[Sentence, ...], done: tuple[int, ...], advice: str, guide: str
+) -> None:
+    page = device_page(known(said("a", state, reason=reason, axes_done=done)), "a", 100.0, NOW, EN)
+    assert (page.tile.advice, page.guide) == (advice, f"{guide}, step by step")
+
+
 def test_a_tile_names_the_axes_that_are_done_and_has_no_riddle_for_none() -> None:
     def turns(*done: int) -> str:
         (tile,) = ward_page(known(said("a", State.TURNING, axes_done=done)), 100.0, NOW, EN).tiles
@@ -100,14 +120,18 @@ def test_a_device_page_offers_only_what_can_be_done(
 
 def test_a_report_tells_why_a_device_that_tracks_needs_a_person() -> None:
     (need,) = summary(known(said("a"), about("a", battery_percent=9.0)), 100.0, EN)["needs"]
-    assert (need["advice"], need["reason"]) == ("Charge its battery.", "The battery is at 9 %: charge it.")
+    assert (need["advice"], need["reason"]) == ("Charge its battery.", "The battery is at 9 %: charge the device.")
     (need,) = summary(known(said("a", State.BIAS_ONLY, reason=(Code.TURN_NOW(axes="x"),))), 100.0, EN)["needs"]
     assert (need["advice"], need["reason"]) == ("Calibrate it with three turns.", "")
 
 
 @pytest.mark.parametrize(
     ("state", "following", "how"),
-    [(State.TRACKING, "b", "It is ready: nothing to do."), (State.DEGRADED, "", "Lay it down still for a moment.")],
+    [
+        (State.TRACKING, "b", "It is ready: nothing to do."),
+        (State.DEGRADED, "", "Lay it down still for a moment."),
+        (State.LOST, "", "Check that it is on, charged and near. If it stays silent, tell the engineer."),
+    ],
 )
 def test_a_guide_leads_on_once_a_device_is_exact(state: State, following: str, how: str) -> None:
     ward, guide = known(said("a", state), said("b", State.AWAITING_STILL)), Guide()

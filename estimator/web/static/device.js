@@ -14,6 +14,7 @@ let trail = { rests: [], marks: [] };
 watch(spoken(`device/${id}`), (now) => {
   fill(page, now.tile);
   $("guide").hidden = !now.can_calibrate;
+  say($("guide").firstElementChild, now.guide);
   $("guide").firstElementChild.classList.toggle("quiet", !now.tile.calibrate);
   tone(page, now.tile.tone);
   $("progress").value = now.progress;

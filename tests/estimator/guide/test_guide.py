@@ -126,6 +126,9 @@ def test_where_turns_must_be_level_it_is_stood_on_its_side_for_the_third() -> No
     assert any(one.step is Step.STAND and one.picture is Picture.POSE and one.axis == 2 for one in told)
     assert keys(told) == set(), "standing it on its side is no turn that went wrong"
     assert told[-1].step is Step.DONE
+    last = [one for one in told if one.step is Step.TURNING and one.axis == 2]
+    for one in (*last, told[-1]):  # however it lies now
+        assert one.ways[:2] == (Picture.ALONG, Picture.ACROSS), "the turns that are done stay as they were made"
     assert device.calibration is not None
     assert Code.TURNS_ASSUMED not in codes(device.calibration.reason)
 
