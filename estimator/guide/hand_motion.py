@@ -49,6 +49,8 @@ class Hand:
         self.upside_down = False
         #: upright axis, and level axis along the table's edge: as gravity shows, else as the gyro carries them
         self.top, self.edge = 2, 0
+        #: whether a rest was seen in this boot, so that the movement after it is known from its beginning
+        self._rested = False
         #: whether the last movement only laid the device on another face
         self.laid = False
         #: (3, 3) rotation since the last sufficient rest
@@ -129,6 +131,7 @@ class Hand:
             self.upside_down = self.upright is not None and bool(window.accel_mean[self.upright] < 0)
         if came:
             self._put_down(face)
+            self._rested = True
 
     def _put_down(self, face: tuple[int, bool]) -> None:
         """Find how the device lies after a movement; `face` is the axis that was upright, and whether it pointed down."""
@@ -140,4 +143,5 @@ class Hand:
         self.top = int(np.argmax(top)) if self.upright is None else self.upright
         edge[self.top] = -1.0
         self.edge = int(np.argmax(edge))
-        self.laid = self.moved and angle < _LAID and (self.top != face[0] or (self.upright is not None and not same))
+        other = self.top != face[0] or (self.upright is not None and not same)
+        self.laid = self._rested and self.moved and angle < _LAID and other

@@ -84,6 +84,20 @@ def test_one_who_comes_in_the_middle_sees_the_step() -> None:
     assert told[-1].step is Step.DONE
 
 
+def test_one_who_comes_in_the_middle_of_a_failed_turn_is_told_why() -> None:
+    """Of the half turn only its end is seen, which could as well have laid the device on another face."""
+    device = DeviceSession(NAME)
+    sent = batches(turned(TurnPlan(2), TurnPlan(0, 180.0)))
+    told = follow(Guide(), device, sent)
+    failed = next(i for i, one in enumerate(told) if one.wrong)
+    late = Guide()
+    for batch in sent[failed - 46 : failed + 1]:
+        late.take_samples(batch)
+    late.take_status(device.status(1))
+    assert codes(late.told().wrong) == codes(told[failed].wrong)
+    assert Code.TURN_TOO_SHORT in codes(late.told().wrong)
+
+
 def test_a_calibrated_device_is_idle_and_a_lost_one_away() -> None:
     device = DeviceSession(NAME)
     follow(Guide(), device, batches(turned(TurnPlan(2), TurnPlan(0), TurnPlan(1))))
