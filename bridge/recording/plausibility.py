@@ -45,7 +45,7 @@ def check_time(path: Path, time_s: Floats) -> None:
     if 1 / FASTEST_HZ <= step < 1 / SLOWEST_HZ:
         return
     raise RecordingError(
-        f"{path}: the time steps by {step:g} s, a rate of {1 / step:g} Hz; "
+        f"{path}: consecutive times differ by {step:g} s, a rate of {1 / step:g} Hz; "
         f"{SLOWEST_HZ:g} to {FASTEST_HZ:g} Hz is possible. Give the right --time-unit (ms, us, ns), or --rate-hz"
     )
 
