@@ -1,8 +1,8 @@
 """Virtual device that speaks the native serial protocol. Pure: no I/O, and time is an argument.
 
 At power-up, the device draws a new boot number and is silent for 0.3 s. Then it sends HELLO, and DATA about every
-20 ms. HELLO is repeated each second and on request. A rate command takes effect at the next `advance` and lasts until
-power is lost.
+20 ms. HELLO is repeated each second and on request. After a rate command, the next `advance` sends HELLO with the
+new rate. Samples have this rate within a second, until power is lost.
 """
 
 import zlib

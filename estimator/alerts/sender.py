@@ -53,7 +53,7 @@ class Sender:
             self._thread.start()
 
     def close(self) -> None:
-        """Stop the thread. Waiting alerts are not sent; another estimator, or the next start, sends them."""
+        """Stop the thread. Waiting alerts are not sent later; the next start, or another estimator, has them as standing."""
         self._stop.set()
         if self._thread.ident is not None:
             self._thread.join(_END_S)

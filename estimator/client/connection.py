@@ -31,7 +31,7 @@ def denied(bus: Bus, endpoints: Sequence[str], ward: str) -> tuple[str, ...]:
     member = member_of(routers.identity)
     fit = ", ".join(role.value for role in SUBSCRIBERS)
     found: tuple[str, ...] = (
-        f"the certificate is for {member.label}, which may not receive all data: use a certificate of role {fit}",
+        f"the certificate is for {member.label}, which may receive little or no data: use a certificate of role {fit}",
     )
     if member.role in SUBSCRIBERS:
         found = tuple(self_test(bus, routers, ward))

@@ -1,4 +1,7 @@
-"""Rules for which problems need a person: one definition for pages, API, reports, metrics and alerts. Pure."""
+"""Rules for which problems need a person. Pure.
+
+One definition for the pages, the API, the reports, the command line, the metrics and the alerts.
+"""
 
 from enum import StrEnum
 

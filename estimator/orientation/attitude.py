@@ -142,7 +142,7 @@ class Attitude:
     def take(self, rows: Floats, known: Floats) -> Oriented:
         """Integrate the attitude over n samples; return attitude, acceleration (m/s²) and covariance (rad²) at each.
 
-        rows (n, 9): device time (s), gyro (3, rad/s), accelerometer (3, m/s²), clipped (0 or 1), temperature (°C).
+        rows (n, 9): device time (s), gyro (3, rad/s), accelerometer (3, m/s²), clipped or stuck (0 or 1), temperature (°C).
         known (38,): sensor errors, result of the function `known`.
         """
         return orient([(self, rows, known)], every=True)[0]

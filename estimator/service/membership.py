@@ -7,10 +7,10 @@ claims it under a higher epoch. Subscribers use the messages of the highest epoc
 Every estimator must reach the same answer by itself, although each may know different devices. So devices are not
 counted, and are shared as evenly as chance allows (300 devices on three estimators: 100 ± 8 each).
 
-An epoch is higher than every epoch received, so that an owner loses against its successor. An epoch is also no lower
-than the host time in ns, so that estimators that all restarted continue above the epochs that subscribers know. The
-last bits are derived from the estimator's id. So two estimators on opposite sides of a network partition take one
-device under different epochs.
+An epoch is higher than every epoch received, so that an owner loses against its successor. Its last 16 bits are derived
+from the estimator's id. The number before them is also later than the host time in ms, so that estimators that all
+restarted continue above the epochs that subscribers know. Two estimators on opposite sides of a network partition take
+one device under different epochs.
 """
 
 from collections.abc import Collection, Iterator
@@ -50,7 +50,7 @@ def _weight(estimator: str, device: str) -> int:
 
 
 def epoch_after(highest: int, now_ns: int, estimator: str) -> int:
-    """Compute the epoch for a takeover: higher than `highest`, and no lower than the time `now_ns`.
+    """Compute the epoch for a takeover: higher than `highest`, and later than the time `now_ns` in whole ms.
 
     highest: highest epoch received. now_ns: host time, ns since the Unix epoch; may be wrong. estimator: id whose hash
     forms the last bits, so that two estimators hardly ever choose the same epoch.

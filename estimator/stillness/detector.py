@@ -57,7 +57,7 @@ def too_seldom(rate_hz: float) -> Sentences:
 class Window(NamedTuple):
     """Short run of n samples, judged still or moving, with spikes corrected.
 
-    rows (n, 9): device time (s), gyro (3, rad/s), accelerometer (3, m/s²), clipped (0 or 1), temperature (°C).
+    rows (n, 9): device time (s), gyro (3, rad/s), accelerometer (3, m/s²), clipped or stuck (0 or 1), temperature (°C).
     start, end: numbers of the first sample and of the one after the last, counted from the first sample of the stream.
     start_time, end_time: device time of the first and the last sample, s.
     summed (12,): mean of gyro (3, rad/s) and accelerometer (3, m/s²), then their standard deviations in the same order.
@@ -94,7 +94,7 @@ class Window(NamedTuple):
 class Windows:
     """Consecutive windows of a stream, with their judgements.
 
-    rows (n, 9): device time (s), gyro (3, rad/s), accelerometer (3, m/s²), clipped (0 or 1), temperature (°C).
+    rows (n, 9): device time (s), gyro (3, rad/s), accelerometer (3, m/s²), clipped or stuck (0 or 1), temperature (°C).
     found (m, 22): one row per window, as returned by the function `judged` in kernels/stillness.py.
     first: number of rows[0], counted from the first sample of the stream.
     begin: index in rows of the first window's first sample.
@@ -137,7 +137,7 @@ class Windows:
     def samples(self) -> tuple[int, Floats]:
         """Number of the first sample, and the rows (n, 9) of all windows.
 
-        Columns: device time (s), gyro (3, rad/s), accelerometer (3, m/s²), clipped (0 or 1), temperature (°C).
+        Columns: device time (s), gyro (3, rad/s), accelerometer (3, m/s²), clipped or stuck (0 or 1), temperature (°C).
         """
         end = int(self.found.item(-1, 2)) if len(self) else self.begin
         return self.first + self.begin, self.rows[self.begin : end]

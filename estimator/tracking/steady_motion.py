@@ -8,7 +8,7 @@ correlation:
 
 R is the variance of the measurement, (m/s)² per axis; c has no unit. In a walk c is about 0.2 while the filter explains
 the velocity by a tilt, and 0.6 once it does not. For a wearer who moves about in one place c stays below 0.1, however
-fast. R grows in proportion to c - 0.1.
+fast. Where c exceeds 0.1, R is multiplied by 1 + 200 (c - 0.1), at most 160. As R grows, a walk shows more in c.
 Source: innovation correlation as a measure of R, R. K. Mehra, "On the identification of variances and adaptive Kalman
 filtering", IEEE Trans. Automatic Control 15 (1970). The coefficients come from tests/bench/honesty.py and
 tests/bench/tracking.py.

@@ -37,7 +37,7 @@ class TrackerState(StateStruct):
     gap: start and end of the latest gap in the evidence that is not yet smoothed, device time in s, or None.
     kept: restored bias state, until the samples reach its device time; else None.
     supposed (2, 3): mean and standard deviation of the prior, rad/s, while the bias comes from the gyro model. None
-        after a calibration or a restore.
+        after a calibration, a restore, or a jump of the bias.
     The other fields are the states of the tracker's parts, such as filter, ZARU and thermometer.
     """
 
@@ -155,8 +155,8 @@ class TrackedBias:
     def bias(self) -> Floats:
         """Estimated bias (3,), the reading at zero rate, rad/s.
 
-        While the bias of an axis is still the prior of the gyro model, measurements move this axis only a little
-        (see usual_bias.py).
+        An axis that evidence has not reached yet stays near the usual turn-on bias (see usual_bias.py). After a
+        calibration or a restore this prior no longer applies.
         """
         return self._usual(self._filter)
 
