@@ -180,7 +180,7 @@ def test_commands_change_the_file_in_place(
     ]
     assert [line.split(" ")[0] for line in changed] == ["password"]
     for words, password, said in (
-        ("add joy", "long enough", "joy is there already"),
+        ("add joy", "long enough", "joy is listed already"),
         ("add Joy", "long enough", "NAME 'Joy' is not valid"),
         ("add ann", "short", "use at least 10"),
         ("remove ann", "", "unknown person 'ann'; known are: nurse, joy"),

@@ -170,7 +170,7 @@ def options(**more: Any) -> MovellaDotOptions:
 @pytest.mark.parametrize(
     ("table", "words"),
     [
-        ({"payload": "custom_2"}, "'custom_2' cannot be read: it carries no angular velocity"),
+        ({"payload": "custom_2"}, "'custom_2' cannot be read: the payload carries no angular velocity"),
         ({"payload": "high_fidelity"}, "only the vendor's own software can decode it; use rate_quantities"),
         ({"payload": "rate_quantitys"}, "unknown payload 'rate_quantitys'; did you mean 'rate_quantities'"),
         ({"rate_hz": 100}, "rate_hz is 100: use one of 1, 4, 10, 12, 15, 20, 30, 60"),

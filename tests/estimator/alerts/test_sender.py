@@ -75,7 +75,7 @@ def test_addresses_come_from_file_and_environment_and_stay_secret(
 ) -> None:
     monkeypatch.setenv("TRUERATE_ALERT_URLS", "json://127.0.0.1:1/ nonsense://user:secret@host")
     pytest.importorskip("apprise")
-    with pytest.raises(ConfigError, match="begins with nonsense://") as caught:
+    with pytest.raises(ConfigError, match="begin with nonsense://") as caught:
         Sender("w", Alerts())
     assert "secret" not in str(caught.value)
     with pytest.raises(ConfigError, match=r"urls_file .*nowhere cannot be read"):

@@ -12,7 +12,7 @@ def test_the_first_failure_is_loud_and_repeats_are_quiet(caplog: pytest.LogCaptu
     missing = [DeviceUnavailable(*free("script: missing")) for _ in range(3)]
     driver = Scripted(*missing, [HELLO, said(0)])
     taken = run(driver, lambda _: driver.opened == 4 and not driver._script).take()
-    assert [record.message for record in caplog.records] == ["d1: script: missing", "d1: back on script"]
+    assert [record.message for record in caplog.records] == ["d1: script: missing", "d1: reading again from script"]
     assert sum(map(len, taken.batches)) == 10
 
 
