@@ -24,7 +24,7 @@ T = TypeVar("T")
 #: interval between ownership messages, with other estimators and alone, s
 SAY_S, SAY_ALONE_S = 0.25, 1.0
 #: most devices taken over in one round, so that samples of devices already held do not wait for hundreds
-TAKEN_AT_ONCE = 8
+TAKEN_AT_ONCE = 16
 #: a round that starts this long after the last was delayed here; the others' silence is then excused, s
 HELD_UP_S = 0.5
 _TOKENS, _SAID = 65536, 64
