@@ -149,7 +149,7 @@ class GapRepair:
             except zenoh.ZError as error:
                 if not self._session.is_closed():
                     _log.error(
-                        "missed messages could not be fetched again: %s; the program goes on with later gaps",
+                        "missed messages could not be fetched again: %s; messages missed later are fetched as usual",
                         said(error),
                     )
 

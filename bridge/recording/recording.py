@@ -96,14 +96,14 @@ class Recording:
 
     @property
     def ticks(self) -> NDArray[np.uint64]:
-        """Time (n,) of each sample since the first, as a whole number of ticks; a tick is TICK_S seconds."""
+        """Time (n,) of each sample since the first, as a whole number of ticks; a tick is TICK_S (1e-6) s."""
         return np.rint(self.time_s / TICK_S).astype(np.uint64)
 
     @property
     def device_time(self) -> Floats:
-        """Time (n,) of each sample by the device's clock, s; `time_s` if that clock is unknown.
+        """Time (n,) of each sample by the device's own clock, s, from that clock's zero; `time_s` if `told` is None.
 
-        The rest detector then divides a recording into the same windows as in live processing.
+        With these times the rest detector divides a recording into the same windows as in live processing.
         """
         return self.time_s if self.told is None else np.asarray(self.told.ticks * self.told.tick_period_s, np.float64)
 

@@ -73,12 +73,13 @@ class Client:
         queue: int = QUEUE,
         quiet: bool = False,
     ) -> Corrected:
-        """Return a stream of corrected batches (rates in rad/s, sensor frame), each sample exactly once and in order.
+        """Return a stream of corrected batches: rates (n, 3), rad/s, sensor frame; each sample exactly once and in order.
 
         device: one device id, several ids, or None for every device of the ward. history: True first delivers cached
         batches of the last seconds.
         idle_s: iteration ends after this time without a batch, or when the stream is closed.
-        wait_s: time to wait for missing samples; at least 3 s if another estimator publishes the samples after the gap.
+        wait_s: time to wait for missing samples. If the samples after a gap come from another estimator than those
+        before it, the wait is at least 3 s.
         A gap that is not filled is counted in `missing` and reported to on_miss.
         queue: largest number of unread messages; beyond it, the oldest are dropped.
         quiet: False logs a warning if the named devices send nothing for five seconds.
@@ -117,8 +118,10 @@ class Client:
     def orientation(
         self, device: Devices = None, *, idle_s: float | None = None, queue: int = QUEUE
     ) -> Stream[OrientationBatch]:
-        """Return a stream of attitudes: quaternions sensor to earth, scalar first, and covariance in rad².
+        """Return a stream of attitudes of the corrected samples, sensor to earth axes with z up.
 
+        Each message has unit quaternions (n, 4), scalar first, and for its last sample the covariance (3, 3), rad², of
+        the attitude error as a small rotation about earth axes. See OrientationBatch for all fields.
         A message follows each corrected batch (docs/orientation.md). Attitudes are computed only while a program
         subscribes, starting about a second after the subscription; there is no history. device: one id, several ids, or
         None for all.
@@ -130,7 +133,7 @@ class Client:
     def windows(
         self, device: Devices = None, *, idle_s: float | None = None, queue: int = QUEUE
     ) -> Stream[WindowBatch]:
-        """Return a stream of window statistics at 10 Hz, of readings and corrected rates in rad/s.
+        """Return a stream of statistics of gyro readings and of corrected rates, rad/s, in windows of 0.1 s.
 
         For programs that show many devices. Each window has mean, standard deviation, minimum and maximum. Messages
         arrive about once a second, without history, and are made only while a program subscribes. device: one id,

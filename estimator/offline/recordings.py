@@ -125,11 +125,13 @@ def correct(
     batch: int | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> CorrectedRecording:
-    """Correct a recording as the live service would: each row with calibration and bias known at its sample's time.
+    """Correct a recording as the live service would; returns corrected rates (n, 3), rad/s, in the sensor frame, and more.
 
-    calibration: calibration to correct with. From the same boot, its bias counts as old until the recording confirms
-    it. A calibration counts as from another boot if `other_boot` is set, or if its boot, range or rate differs from the
-    recording's. Then its scale factors are a prior, and its bias is not used.
+    Each row is corrected with what was known at the time of its sample, unless `smooth` is set.
+    calibration: calibration to correct with. If it is from the recording's boot, the standard deviation of its bias is
+    enlarged until a rest in the recording confirms the bias. It counts as from another boot if `other_boot` is set, or
+    if its boot, range or rate differs from the recording's. Then its scale factors are a prior, and its bias is not
+    used.
     knobs: settings of the device; by default those of the model that the device states, as in a ward.
     smooth: use the whole recording for every row.
     gyro_range: full-scale range, rad/s; 0 when unknown.
@@ -141,10 +143,11 @@ def correct(
     Without `calibration`, the first of these that exists is used:
 
     - the last calibration in `Recording.made` from before the recording;
-    - the calibration from the first three full turns in the recording. Earlier rows get the bias alone;
+    - the calibration from the first three full turns in the recording. In earlier rows only
+      the estimated bias is subtracted;
     - the first calibration in `Recording.made`.
 
-    If there is none, all rows get the bias alone. `CorrectedRecording.quality` tells for each row what was known.
+    If there is none, only the bias is subtracted in all rows. `CorrectedRecording.quality` tells for each row what was known.
 
     The live service ignores readings within `knobs.warming_s` seconds after a boot. A recording without
     `Recording.told` does not show when the boot was. If its turns give no calibration, it is corrected a second time

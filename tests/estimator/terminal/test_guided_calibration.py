@@ -122,7 +122,10 @@ def test_a_name_that_is_mistyped_is_answered_by_those_there_are(monkeypatch: pyt
 
 @pytest.mark.parametrize(
     ("words", "said"),
-    [(["calibrate"], "give a file, or --live DEVICE"), (["calibrate", "a.npz", "--live", "chest"], "omit one of the two")],
+    [
+        (["calibrate"], "give a file, or --live DEVICE"),
+        (["calibrate", "a.npz", "--live", "chest"], "omit one of the two"),
+    ],
 )
 def test_it_says_how_to_use_it(words: list[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(words) == 2
