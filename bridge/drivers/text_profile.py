@@ -255,7 +255,7 @@ def _decoder(options: TextOptions) -> TextDecoder:
 
 
 def _variants() -> list[dict[str, Any]]:
-    """All shipped profiles as option tables. A profile without a rate gets 100 Hz, which `bridge scan` corrects by counting."""
+    """Return the profiles as option tables. A profile without a rate gets 100 Hz, which `bridge scan` corrects by counting."""
     profiles = {name: load_profile(name) for name in shipped()}
     return [
         {"profile": name}

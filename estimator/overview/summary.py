@@ -246,7 +246,7 @@ def _need(name: str, status: Status | None, info: DeviceInfo | None) -> Need | N
 
 
 def _said(status: Status | None, info: DeviceInfo | None) -> Sentences:
-    """What the estimator says of a device's state, or if it says nothing, the bridge."""
+    """State of a device in words, from its status; without a status, from the bridge's info."""
     if status is not None:
         return status.reason
     return () if info is None else info.trouble

@@ -158,7 +158,7 @@ def _merged(left: Sequence[_Left]) -> list[Message]:
 
 
 def _kind(key: str, raw: columns.SampleBatch) -> tuple[object, ...]:
-    """What messages that can be merged have in common."""
+    """Properties that must be equal in messages to be merged."""
     columns_ = bool(raw.accel), bool(raw.temperature_c), bool(raw.flags)
     return key, raw.version, raw.device, raw.boot, raw.tick_period_s, columns_
 

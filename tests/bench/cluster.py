@@ -53,7 +53,7 @@ PATIENT_S, ROOM = 10.0, 1 << 18
 
 
 class Trouble(NamedTuple):
-    """What was done to whoever had these devices, and when; the gap it may cause."""
+    """Fault given to the estimator that owned these devices: its kind, its time, and the gap allowed."""
 
     what: str
     at: float
@@ -110,13 +110,13 @@ class Cluster:
         return {h.device for h in self.owned[name].holdings} if name in self.owned else set()
 
     def left(self, victim: str, devices: set[str]) -> bool:
-        """Whether each of these is another's than the victim's, whose last words may still be under way."""
+        """True if another estimator than the victim owns each of these devices, under a higher epoch."""
         epochs = {name: {h.device: h.epoch for h in owned.holdings} for name, owned in self.owned.items()}
         old = epochs.pop(victim, {})
         return all(any(of.get(d, -1) > old.get(d, 0) for of in epochs.values()) for d in devices)
 
     def home(self) -> bool:
-        """Whether each device is where it is to be, with all of them alive."""
+        """True if each device belongs to the estimator that its hash names while all three live."""
         devices = set().union(*map(self.has, NAMES))
         return len(devices) == self._devices and all(
             self.has(name) == {d for d in devices if owner(d, NAMES) == name} for name in NAMES
@@ -127,7 +127,7 @@ class Cluster:
 
 
 class Given(Heard):
-    """What a subscriber that waits for so long is given of what came, and when."""
+    """Batches that a subscriber with this wait delivers, of all that arrived, and their times."""
 
     def __init__(self, came: list[tuple[float, list[Message]]]) -> None:
         super().__init__()
